@@ -1,0 +1,36 @@
+"""Recorded trajectories (inD, DUT, UCY/ETH) read into one `Recording` type.
+
+`open_recording` reads any of the formats, `Recording.window` gives arrays, `closest_crossings`
+finds pairs of agents that interact. No data set is shipped: the writers make recordings in the
+same formats.
+"""
+
+from foresight_env.datasets.dut import DUT_RATE, read_dut, write_dut
+from foresight_env.datasets.errors import RecordingError
+from foresight_env.datasets.ind import find_ind_recordings, read_ind, write_ind
+from foresight_env.datasets.interactions import Interaction, closest_crossings, find_interaction
+from foresight_env.datasets.reader import Format, open_recording
+from foresight_env.datasets.recording import Recording
+from foresight_env.datasets.track import Track, Window
+from foresight_env.datasets.ucy import UCY_RATE, read_ucy, write_ucy
+
+__all__ = [
+    "DUT_RATE",
+    "UCY_RATE",
+    "Format",
+    "Interaction",
+    "Recording",
+    "RecordingError",
+    "Track",
+    "Window",
+    "closest_crossings",
+    "find_ind_recordings",
+    "find_interaction",
+    "open_recording",
+    "read_dut",
+    "read_ind",
+    "read_ucy",
+    "write_dut",
+    "write_ind",
+    "write_ucy",
+]

@@ -1,0 +1,125 @@
+"""Open a recording of any supported format."""
+
+import os
+from pathlib import Path
+from typing import Literal
+
+from foresight_env.datasets._table import check_text_file
+from foresight_env.datasets.dut import dut_stem, read_dut
+from foresight_env.datasets.errors import RecordingError
+from foresight_env.datasets.ind import find_ind_recordings, read_ind
+from foresight_env.datasets.recording import Recording
+from foresight_env.datasets.ucy import read_ucy
+
+__all__ = ["Format", "open_recording"]
+
+Format = Literal["ind", "dut", "ucy"]
+
+_ACCEPTED = (
+    "inD (a directory with NN_tracks.csv, NN_tracksMeta.csv, NN_recordingMeta.csv), "
+    "DUT (*_ped_filtered.csv, *_veh_filtered.csv) or UCY (eight numbers per line)"
+)
+_IND_SUFFIXES = ("_tracksMeta.csv", "_recordingMeta.csv", "_tracks.csv")
+
+
+def open_recording(
+    path: str | os.PathLike[str],
+    *,
+    format: Format | None = None,
+    recording: int | str | None = None,
+) -> Recording:
+    """Read a recording, recognising its format by names and, failing that, by content.
+
+    Args:
+        path: a directory or any of the three files (inD); either file or the common stem (DUT);
+            an ``obsmat.txt`` (UCY); or a directory that holds exactly one clip of DUT or UCY.
+        format: ``'ind'``, ``'dut'`` or ``'ucy'``; None recognises it.
+        recording: number of the recording in a directory of inD, or name of the clip in a
+            directory of DUT or UCY; may be left out where there is only one.
+
+    Returns:
+        The recording: see `read_ind`, `read_dut` and `read_ucy`.
+
+    Raises:
+        RecordingError: nothing readable is there, the format is not recognised, the choice among
+            several recordings is open, or the file is faulty.
+        ValueError: `format` is none of the three.
+    """
+    if format not in (None, "ind", "dut", "ucy"):
+        raise ValueError(f"format must be 'ind', 'dut' or 'ucy', not {format!r}")
+    path = Path(path)
+    if path.is_dir():
+        return _open_in_directory(path, format, recording)
+    if format is None:
+        format = _recognise(path)
+    if format == "dut":
+        return read_dut(path)
+    if format == "ucy":
+        return read_ucy(path)
+    for suffix in _IND_SUFFIXES:
+        if path.name.endswith(suffix):
+            number = path.name.removesuffix(suffix)
+            if recording is not None and str(recording).lstrip("0") != number.lstrip("0"):
+                raise RecordingError(path, None, f"is recording {number}, not {recording}")
+            return read_ind(path.parent, number)
+    raise RecordingError(
+        path, None, "inD files are named NN_tracks.csv, NN_tracksMeta.csv, NN_recordingMeta.csv"
+    )
+
+
+def _recognise(path: Path) -> Format:
+    if path.name.endswith(_IND_SUFFIXES):
+        return "ind"
+    if dut_stem(path) is not None:
+        return "dut"
+    if not path.is_file():
+        raise RecordingError(path, None, f"there is no such file; readable are {_ACCEPTED}")
+    header = check_text_file(path)
+    if "trackId" in header or "recordingId" in header:
+        return "ind"
+    if "x_est" in header:
+        raise RecordingError(
+            path, None, "holds DUT columns, but DUT files end in _ped_filtered.csv or _veh_..."
+        )
+    if path.name.endswith("obsmat.txt") or _are_numbers(header.split()):
+        return "ucy"
+    raise RecordingError(path, 1, f"the format is not recognised; readable are {_ACCEPTED}")
+
+
+def _are_numbers(fields: list[str]) -> bool:
+    try:
+        return len([float(field) for field in fields]) == 8
+    except ValueError:
+        return False
+
+
+def _open_in_directory(
+    directory: Path,
+    format: Format | None,
+    recording: int | str | None,
+) -> Recording:
+    choices: dict[str, tuple[Format, Path]] = {}
+    if format in (None, "ind"):
+        choices |= {name: ("ind", directory) for name in find_ind_recordings(directory)}
+    if format in (None, "dut"):
+        for file in sorted(directory.glob("*_filtered.csv")):
+            stem = dut_stem(file)
+            if stem is not None:
+                choices[stem.name.removesuffix("_traj")] = ("dut", stem)
+    if format in (None, "ucy"):
+        for file in sorted(directory.glob("*obsmat.txt")):
+            choices[file.name.removesuffix("obsmat.txt").rstrip("_") or file.name] = ("ucy", file)
+    if not choices:
+        raise RecordingError(directory, None, f"holds no recording; readable are {_ACCEPTED}")
+    if recording is None and len(choices) > 1:
+        raise RecordingError(
+            directory, None, f"holds {', '.join(choices)}; pass recording=... to choose one"
+        )
+    wanted = next(iter(choices)) if recording is None else str(recording)
+    for name, (kind, path) in choices.items():
+        same_number = name.isdecimal() and wanted.isdecimal() and int(name) == int(wanted)
+        if name == wanted or same_number:
+            if kind == "ind":
+                return read_ind(path, name)
+            return read_dut(path) if kind == "dut" else read_ucy(path)
+    raise RecordingError(directory, None, f"has no recording {wanted}; it has {', '.join(choices)}")

@@ -1,0 +1,223 @@
+"""First-order conditions of a game and their linearisation (paper, eqs. 4 and 5).
+
+Current-value form. Player i's stationarity at stage t is divided by `Gamma^i(t)`, so its costate `q`
+(of its own state; other players' states are not its decision) and its multipliers count in units of
+its own stage cost at t, and only ratios `rho_t = Gamma(t) / Gamma(t - 1)` appear:
+
+    q_t = d_x (c_t - lambda_t' g_t) + rho_{t+1} A_{t+1}' q_{t+1},
+    0   = d_u (c_t - lambda_t' g_t) + B_t' q_t.
+
+Costates are eliminated by that recursion, so the unknowns are states, controls, multipliers, slacks.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from foresight_env.equilibrium.layout import Layout
+from foresight_env.games.costs import Composite
+from foresight_env.games.types import CostFunction, Scalar, Theta
+
+
+class Parameters(NamedTuple):
+    """What a game's equilibrium depends on."""
+
+    x0: Float[Array, "n"]
+    """Joint state at t = 1."""
+    theta: tuple[Theta, ...]
+    """One mapping of cost parameters per player."""
+    gamma: Float[Array, "N"]
+    """One discount factor per player."""
+
+
+class Iterate(NamedTuple):
+    """Unknowns of the mixed complementarity problem.
+
+    Bounds: `lower - slack` pairs per entry of `w` (masked where infinite). Rows: the stage
+    constraints of `Layout.rows`; `excess` is the violation that elastic rows pay for.
+    """
+
+    x: Float[Array, "T n"]
+    u: Float[Array, "T m"]
+    slack_low: Float[Array, "T n+m"]
+    slack_high: Float[Array, "T n+m"]
+    mult_low: Float[Array, "T n+m"]
+    mult_high: Float[Array, "T n+m"]
+    slack: Float[Array, "T K"]
+    excess: Float[Array, "T K"]
+    mult: Float[Array, "T K"]
+
+
+class Linearisation(NamedTuple):
+    """Everything that a Newton step needs, per stage."""
+
+    gradient: Float[Array, "T n+m"]
+    """Each player's Lagrangian differentiated by its own part of `w`, without costates."""
+    hessian: Float[Array, "T n+m n+m"]
+    """Rows: a player's own part; columns: everybody's."""
+    a: Float[Array, "T n n"]
+    b: Float[Array, "T n m"]
+    defect: Float[Array, "T n"]
+    rho: Float[Array, "T n"]
+    values: Float[Array, "T K"]
+    jacobian: Float[Array, "T K n+m"]
+    share: Float[Array, "T K n+m"]
+    """How strongly row k's multiplier acts on the owner of an entry of `w`."""
+    penalty: Float[Array, "K"]
+
+
+def discount_ratios(layout: Layout, gamma: Float[Array, "N"]) -> Float[Array, "T N"]:
+    """`Gamma(t) / Gamma(t - 1)` for t = 1..T."""
+    stages = jnp.arange(layout.game.horizon, dtype=gamma.dtype)
+    columns = [
+        jax.vmap(p.discounting.ratio, in_axes=(0, None))(stages, gamma[i])
+        for i, p in enumerate(layout.game.players)
+    ]
+    return jnp.stack([jnp.broadcast_to(c, stages.shape) for c in columns], axis=1)
+
+
+def _row_shares(layout: Layout, ratios: Float[Array, "T N"]) -> Float[Array, "T K n+m"]:
+    """Weights of each row's multiplier in each player's current-value conditions."""
+    horizon, count = ratios.shape
+    if not layout.rows:
+        return jnp.zeros((horizon, 0, layout.n + layout.m), ratios.dtype)
+    # A common multiplier counts in the units of the most myopic player at each stage: the weights
+    # Gamma_min / Gamma_i are then at most 1 and cannot overflow.
+    log_weight = jnp.cumsum(jnp.log(jnp.maximum(ratios, 1e-300)), axis=0)
+    columns = []
+    for row in layout.rows:
+        binds = jnp.asarray(row.binds, ratios.dtype)
+        if row.common:
+            lowest = jnp.min(jnp.where(binds > 0, log_weight, jnp.inf), axis=1, keepdims=True)
+            columns.append(binds * jnp.exp(jnp.where(binds > 0, lowest - log_weight, 0.0)))
+        else:
+            columns.append(jnp.broadcast_to(binds, (horizon, count)))
+    return jnp.stack(columns, axis=1)[:, :, layout.owner]
+
+
+def _stage_cost(
+    cost: CostFunction, i: int, t: Array, w: Array, at: Array, theta: Theta, layout: Layout,
+    convexity: Scalar,
+) -> Scalar:
+    """A cost whose second derivatives at `at` are `convexity` parts Gauss-Newton, rest exact."""
+    x, u = layout.split(w)
+    if not isinstance(cost, Composite):
+        return jnp.asarray(cost(i, t, x, u, theta))
+
+    def inner(v: Array) -> Array:
+        vx, vu = layout.split(v)
+        return jnp.asarray(cost.inner(i, t, vx, vu, theta))
+
+    return cost.outer(_partly_linear(inner, w, at, convexity), theta)
+
+
+def _partly_linear(function, w: Array, at: Array, convexity: Scalar) -> Array:  # type: ignore[no-untyped-def]
+    value, slope = jax.jvp(function, (at,), (w - at,))
+    return convexity * (value + slope) + (1.0 - convexity) * function(w)
+
+
+def linearise(
+    layout: Layout, point: Iterate, parameters: Parameters, convexity: Scalar
+) -> Linearisation:
+    """Derivatives of all stages at `point`.
+
+    `convexity` = 1 drops the curvature of proximity terms, constraints and dynamics (every player's
+    own problem is then convex when its costs are); 0 is Newton's exact matrix.
+    """
+    game = layout.game
+    theta = parameters.theta
+    stages = jnp.arange(1, game.horizon + 1)
+    ratios = discount_ratios(layout, parameters.gamma)
+    share = _row_shares(layout, ratios)
+    undiscounted = jnp.exp(-jnp.cumsum(jnp.log(jnp.maximum(ratios, 1e-300)), axis=0))
+    rho = ratios[:, layout.state_owner]
+    penalty = layout.penalties(theta).astype(point.x.dtype)
+    previous = jnp.concatenate([parameters.x0[None], point.x[:-1]])
+    w = jnp.concatenate([point.x, point.u], axis=1)
+
+    def lagrangian(i, t, w, at, scale, mult, row_share):  # type: ignore[no-untyped-def]
+        player = game.players[i]
+        total = jnp.zeros(())
+        for cost in player.costs:
+            total += _stage_cost(cost, i, t, w, at, theta[i], layout, convexity)
+        for cost in player.undiscounted_costs:
+            total += scale[i] * _stage_cost(cost, i, t, w, at, theta[i], layout, convexity)
+        if layout.rows:
+            own = row_share[:, layout.state_slices[i].start]
+            values = _partly_linear(
+                lambda v: layout.constraint_values(t, v, theta), w, at, convexity
+            )
+            total -= jnp.sum(own * mult * values)
+        return total
+
+    def pseudo_gradient(w, t, at, scale, mult, row_share):  # type: ignore[no-untyped-def]
+        x_parts, u_parts = [], []
+        for i in range(len(game.players)):
+            sx = layout.state_slices[i]
+            su = slice(
+                layout.n + layout.control_slices[i].start, layout.n + layout.control_slices[i].stop
+            )
+
+            def own(wx, wu, i=i, sx=sx, su=su):  # type: ignore[no-untyped-def]
+                return lagrangian(
+                    i, t, w.at[sx].set(wx).at[su].set(wu), at, scale, mult, row_share
+                )
+
+            gx, gu = jax.grad(own, argnums=(0, 1))(w[sx], w[su])
+            x_parts.append(gx)
+            u_parts.append(gu)
+        gradient = jnp.concatenate([*x_parts, *u_parts])
+        return gradient, gradient
+
+    def stage(t, w, xp, scale, mult, row_share):  # type: ignore[no-untyped-def]
+        hessian, gradient = jax.jacfwd(pseudo_gradient, has_aux=True)(
+            w, t, w, scale, mult, row_share
+        )
+        a_blocks, b_blocks, nexts = [], [], []
+        x_now, u_now = layout.split_states(xp), layout.split_controls(w[layout.n :])
+        for i, player in enumerate(game.players):
+            dyn = player.dynamics
+            a_i, b_i = jax.jacfwd(lambda s, c, dyn=dyn: dyn(t, s, c), argnums=(0, 1))(
+                x_now[i], u_now[i]
+            )
+            a_blocks.append(a_i)
+            b_blocks.append(b_i)
+            nexts.append(dyn(t, x_now[i], u_now[i]))
+        a = jax.scipy.linalg.block_diag(*a_blocks)
+        b = jax.scipy.linalg.block_diag(*b_blocks)
+        defect = jnp.concatenate(nexts) - w[: layout.n]
+        values = layout.constraint_values(t, w, theta)
+        jacobian = jax.jacfwd(lambda v: layout.constraint_values(t, v, theta))(w)
+        return gradient, hessian, a, b, defect, values, jacobian
+
+    gradient, hessian, a, b, defect, values, jacobian = jax.vmap(stage)(
+        stages, w, previous, undiscounted, point.mult, share
+    )
+    gradient = gradient - point.mult_low + point.mult_high
+    return Linearisation(
+        gradient, hessian, a, b, defect, rho, values, jacobian, share, penalty
+    )
+
+
+def costates(lin: Linearisation, n: int) -> Float[Array, "T n"]:
+    """Each player's current-value costate of its own state, by the backward recursion."""
+
+    def step(carry, stage):  # type: ignore[no-untyped-def]
+        gradient_x, a, rho = stage
+        q = gradient_x + carry
+        return rho * (a.T @ q), q
+
+    _, q = jax.lax.scan(
+        step, jnp.zeros(n, lin.gradient.dtype), (lin.gradient[:, :n], lin.a, lin.rho), reverse=True
+    )
+    return q
+
+
+def stationarity(lin: Linearisation, q: Float[Array, "T n"]) -> Float[Array, "T m"]:
+    """`d_u L + B' q`: zero where no player can improve to first order."""
+    n = q.shape[1]
+    return lin.gradient[:, n:] + jnp.einsum("tnm,tn->tm", lin.b, q)

@@ -1,0 +1,139 @@
+"""Checks of what a user hands to a solver, before anything is computed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import lru_cache
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from foresight_env.equilibrium.kkt import Parameters
+from foresight_env.equilibrium.layout import Layout, layout_of
+from foresight_env.games.game import Game
+from foresight_env.games.types import Theta
+from foresight_env.precision import is_traced
+
+BOUND_SLACK = 1e-6
+"""How far an initial state may lie outside a hard bound: solutions meet bounds to rounding only."""
+
+
+def joint_state(game: Game, x0: Any) -> jax.Array | np.ndarray:
+    """Per-player states, or an (N, n) array, as the joint state (n_1 + ... + n_N,)."""
+    sizes = game.state_sizes
+    if not isinstance(x0, (list, tuple)) and getattr(x0, "ndim", 0) == 1:
+        x0 = jnp.split(x0, np.cumsum(sizes)[:-1]) if x0.shape == (sum(sizes),) else x0
+    parts = list(x0)
+    if len(parts) != len(sizes):
+        raise ValueError(
+            f"x0: has {len(parts)} states; expected one per player, sizes {sizes}"
+        )
+    for i, (part, size) in enumerate(zip(parts, sizes, strict=True)):
+        if np.shape(part) != (size,):
+            raise ValueError(f"x0[{i}]: has shape {np.shape(part)}; expected ({size},)")
+    if is_traced(parts):
+        return jnp.concatenate([jnp.asarray(p) for p in parts])
+    return np.concatenate([np.asarray(p, dtype=float) for p in parts])
+
+
+def check_parameters(game: Game, x0: Any, theta: Sequence[Theta], gamma: Any) -> Parameters:
+    """Shapes and values of a game's parameters; `ValueError` names the argument and the cure."""
+    layout = layout_of(game)
+    count = len(game.players)
+    state = joint_state(game, x0)
+    if isinstance(theta, dict) or len(theta) != count:
+        raise ValueError(f"theta: expected {count} mappings, one per player")
+    thetas = tuple({name: _entry(name, value) for name, value in p.items()} for p in theta)
+    gamma = gamma if isinstance(gamma, jax.core.Tracer) else np.asarray(gamma, dtype=float)
+    if gamma.shape not in ((), (count,)):
+        raise ValueError(f"gamma: has shape {gamma.shape}; expected a number or ({count},)")
+    discounts = jnp.broadcast_to(gamma, (count,)) if is_traced(gamma) else np.broadcast_to(
+        gamma, (count,)
+    )
+    for name, value in (("x0", state), ("theta", thetas), ("gamma", discounts)):
+        if not is_traced(value) and not all(np.isfinite(v).all() for v in jax.tree.leaves(value)):
+            raise ValueError(f"{name}: contains NaN or infinity; expected finite numbers")
+    if not is_traced(discounts) and (np.asarray(discounts) < 0).any():
+        raise ValueError(f"gamma: is {np.asarray(discounts)}; discount factors are at least 0")
+    if not is_traced(state):
+        low, high = layout.bounds
+        outside = (state < low[0, : layout.n] - BOUND_SLACK) | (
+            state > high[0, : layout.n] + BOUND_SLACK
+        )
+        if outside.any():
+            entry = int(np.flatnonzero(outside)[0])
+            player = int(layout.state_owner[entry])
+            raise ValueError(
+                f"x0[{player}]: entry {entry - layout.state_slices[player].start} is "
+                f"{float(state[entry]):.6g}, outside the player's hard state bounds "
+                f"[{low[0, entry]:g}, {high[0, entry]:g}]; clip it or widen the bounds"
+            )
+    parameters = Parameters(state, thetas, discounts)
+    structure = jax.tree.structure(thetas)
+    shapes = tuple(np.shape(v) for v in jax.tree.leaves(thetas))
+    _check_functions(layout, structure, shapes)
+    return parameters
+
+
+def _entry(name: str, value: Any) -> Any:
+    """One entry of `theta`: arrays and nested PyTrees as they are, lists of numbers as arrays."""
+    if isinstance(value, (list, tuple)) and not is_traced(value):
+        value = np.asarray(value, dtype=float)
+    try:
+        return jax.tree.map(
+            lambda v: v if is_traced(v) else np.asarray(v, dtype=float), value
+        )
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"theta[{name!r}]: is not numeric ({error})") from error
+
+
+@lru_cache(maxsize=256)
+def _check_functions(layout: Layout, structure: Any, shapes: tuple[tuple[int, ...], ...]) -> None:
+    """Every cost is a scalar and every constraint a vector of its stated size."""
+    game = layout.game
+    thetas = jax.tree.unflatten(structure, [jax.ShapeDtypeStruct(s, float) for s in shapes])
+    x = tuple(jax.ShapeDtypeStruct((n,), float) for n in game.state_sizes)
+    u = tuple(jax.ShapeDtypeStruct((m,), float) for m in game.control_sizes)
+    t = jax.ShapeDtypeStruct((), int)
+
+    def check(
+        where: str, function: Callable[..., Any], arguments: tuple[Any, ...], shape: tuple[int, ...]
+    ) -> None:
+        name = getattr(function, "__name__", type(function).__name__)
+        try:
+            out = jax.eval_shape(lambda *a: jnp.asarray(function(*a)), *arguments)
+        except KeyError as error:
+            raise ValueError(f"{where} ({name}): theta has no entry {error}; add it") from error
+        except Exception as error:
+            raise ValueError(
+                f"{where} ({name}): cannot be evaluated on this game's states and controls: {error}"
+            ) from error
+        if out.shape != shape:
+            wanted = "a scalar" if shape == () else f"shape {shape}, its stated size"
+            raise ValueError(f"{where} ({name}): returns shape {out.shape}; expected {wanted}")
+
+    for i, player in enumerate(game.players):
+        dynamics = player.dynamics
+        check(f"players[{i}].dynamics", dynamics, (t, x[i], u[i]), (dynamics.state_size,))
+
+        def bind(function: Callable[..., Any], i: int = i) -> Callable[..., Any]:
+            def bound(t: Any, x: Any, u: Any, theta: Any) -> Any:
+                return function(i, t, x, u, theta)
+
+            bound.__name__ = getattr(function, "__name__", type(function).__name__)
+            return bound
+
+        for kind in ("costs", "undiscounted_costs"):
+            for k, cost in enumerate(getattr(player, kind)):
+                check(f"players[{i}].{kind}[{k}]", bind(cost), (t, x, u, thetas[i]), ())
+        for kind in ("inequalities", "equalities"):
+            for k, c in enumerate(getattr(player, kind)):
+                where = f"players[{i}].{kind}[{k}]"
+                check(where, bind(c.function), (t, x, u, thetas[i]), (c.size,))
+                price = getattr(c, "penalty", None)
+                if isinstance(price, str) and price not in thetas[i]:
+                    raise ValueError(f"{where}: theta has no entry {price!r} for its penalty")
+    for k, shared in enumerate(game.shared):
+        check(f"shared[{k}]", shared.function, (t, x, u, thetas), (shared.size,))

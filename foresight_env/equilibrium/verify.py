@@ -1,0 +1,271 @@
+"""Is a first-order point a local Nash equilibrium? Ask each player, the others held fixed.
+
+Two tests per player: its curvature on the subspace that active constraints leave free (second-order
+sufficient condition, Nocedal and Wright, theorem 12.6), and the gap to its best response, found by
+re-optimising that player alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache, partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from foresight_env.equilibrium.implicit import Equilibrium
+from foresight_env.equilibrium.interior_point import (
+    Options,
+    dynamics_hessian,
+    evaluate,
+    masks_of,
+)
+from foresight_env.equilibrium.kkt import Iterate, Parameters, discount_ratios
+from foresight_env.equilibrium.layout import Layout, layout_of
+from foresight_env.equilibrium.solve import Solution, solve_joint
+from foresight_env.equilibrium.status import Status
+from foresight_env.equilibrium.validation import check_parameters
+from foresight_env.games.constraints import Inequality
+from foresight_env.games.costs import Composite, weight_value
+from foresight_env.games.game import Game, Player
+from foresight_env.games.types import Controls, Scalar, StageNumber, States, Theta
+from foresight_env.precision import to_double, to_numpy
+
+
+class Verification(NamedTuple):
+    """What `verify` found; arrays have one entry per player."""
+
+    is_local_equilibrium: Bool[Array, ""]
+    """Solved, curvature not negative, and no local improvement."""
+    gap: Float[Array, "N"]
+    """Cost minus that of the best response found from the equilibrium itself (a local search), both
+    in current value at the first stage; at most rounding when nobody can improve."""
+    cold_gap: Float[Array, "N"]
+    """The same from a cold start: positive when another local optimum (say, passing on the other
+    side) would be better. -inf where that search failed."""
+    curvature: Float[Array, "N"]
+    """Smallest eigenvalue of the player's Lagrangian Hessian on the free subspace, stages scaled to
+    current value. Negative: a saddle, not a local equilibrium."""
+
+
+@dataclass(frozen=True)
+class _Alone:
+    """A cost or constraint of player `i` as seen with the other players' plans fixed.
+
+    The fixed plans travel in `theta` as `states` and `controls`, the player's own entries as `own`.
+    """
+
+    function: Any
+    player: int
+
+    def arguments(
+        self, t: StageNumber, x: States, u: Controls, theta: Theta
+    ) -> tuple[int, StageNumber, States, Controls, Theta]:
+        xs = [s[t - 1] for s in theta["states"]]
+        us = [c[t - 1] for c in theta["controls"]]
+        xs[self.player], us[self.player] = x[0], u[0]
+        return self.player, t, tuple(xs), tuple(us), theta["own"]
+
+    def __call__(self, i: int, t: StageNumber, x: States, u: Controls, theta: Theta) -> Array:
+        return jnp.asarray(self.function(*self.arguments(t, x, u, theta)))
+
+
+@dataclass(frozen=True)
+class _AloneComposite(_Alone):
+    def inner(self, i: int, t: StageNumber, x: States, u: Controls, theta: Theta) -> Array:
+        return self.function.inner(*self.arguments(t, x, u, theta))
+
+    def outer(self, value: Array, theta: Theta) -> Scalar:
+        return self.function.outer(value, theta["own"])
+
+
+@dataclass(frozen=True)
+class _SharedAlone(_Alone):
+    def __call__(self, i: int, t: StageNumber, x: States, u: Controls, theta: Theta) -> Array:
+        _, t, xs, us, _ = self.arguments(t, x, u, theta)
+        return jnp.asarray(self.function(t, xs, us, theta["all"]))
+
+
+@lru_cache(maxsize=256)
+def best_response_game(game: Game, i: int) -> Game:
+    """Player `i`'s own problem as a game of one; see `best_response_theta` for its parameters."""
+    player = game.players[i]
+
+    def alone(cost: Any) -> Any:
+        return (_AloneComposite if isinstance(cost, Composite) else _Alone)(cost, i)
+
+    inequalities = [replace(c, function=_Alone(c.function, i)) for c in player.inequalities]
+    for shared in game.shared:
+        if shared.players is None or i in shared.players:
+            inequalities.append(Inequality(_SharedAlone(shared.function, i), shared.size))
+    single = Player(
+        player.dynamics,
+        tuple(alone(c) for c in player.costs),
+        tuple(alone(c) for c in player.undiscounted_costs),
+        player.discounting,
+        player.state_bounds,
+        player.control_bounds,
+        tuple(inequalities),
+        tuple(replace(c, function=_Alone(c.function, i)) for c in player.equalities),
+        player.name,
+    )
+    return Game((single,), game.horizon, (), game.dt)
+
+
+def best_response_theta(
+    layout: Layout, i: int, thetas: tuple[Theta, ...], x: Array, u: Array
+) -> Theta:
+    """Parameters of `best_response_game`: own entries, everybody's plans, named penalties."""
+    prices = {
+        c.penalty: thetas[i][c.penalty]
+        for c in layout.game.players[i].inequalities
+        if isinstance(c.penalty, str)
+    }
+    return {
+        "own": thetas[i],
+        "all": thetas,
+        "states": tuple(x[:, s] for s in layout.state_slices),
+        "controls": tuple(u[:, s] for s in layout.control_slices),
+        **prices,
+    }
+
+
+def player_cost(
+    layout: Layout, i: int, x: Float[Array, "T n"], u: Float[Array, "T m"], parameters: Parameters
+) -> Scalar:
+    """Player i's cost in current value at stage 1, `J^i / Gamma^i(1)`, elastic penalties included."""
+    player, theta = layout.game.players[i], parameters.theta[i]
+    ratios = discount_ratios(layout, parameters.gamma)[:, i]
+    weight = jnp.concatenate([jnp.ones(1), jnp.cumprod(ratios[1:])])
+
+    def stage(t: Array, xt: Array, ut: Array) -> tuple[Scalar, Scalar]:
+        xs, us = layout.split_states(xt), layout.split_controls(ut)
+        discounted = sum((c(i, t, xs, us, theta) for c in player.costs), jnp.zeros(()))
+        for c in player.inequalities:
+            if c.penalty is not None:
+                violation = jnp.maximum(-c.function(i, t, xs, us, theta), 0.0)
+                discounted += weight_value(c.penalty, theta) * jnp.sum(violation)
+        flat = sum((c(i, t, xs, us, theta) for c in player.undiscounted_costs), jnp.zeros(()))
+        return discounted, flat
+
+    discounted, flat = jax.vmap(stage)(jnp.arange(1, layout.game.horizon + 1), x, u)
+    return jnp.sum(weight * discounted) + jnp.sum(flat) / ratios[0]
+
+
+def _curvature(
+    layout: Layout, options: Options, parameters: Parameters, point: Iterate
+) -> Scalar:
+    """Smallest eigenvalue of a one-player game's reduced Hessian, in current-value scaling."""
+    masks, exact = masks_of(layout), jnp.zeros(())
+    ev = evaluate(layout, masks, point, parameters, exact, options)
+    lin, n, m, horizon = ev.lin, layout.n, layout.m, layout.game.horizon
+    curve = dynamics_hessian(layout, point, ev, exact)
+
+    # Columns: all controls, each scaled by Gamma(t)^(-1/2); rows: states scaled by Gamma(t)^(1/2).
+    def step(carry: Array, s: Any) -> tuple[Array, tuple[Array, Array]]:
+        t, a, b, rho = s
+        before = jnp.sqrt(rho)[:, None] * carry
+        own = jnp.zeros((m, horizon * m)).at[:, :].set(
+            jax.lax.dynamic_update_slice(
+                jnp.zeros((m, horizon * m)), jnp.eye(m), (jnp.zeros((), int), t * m)
+            )
+        )
+        after = a @ before + b @ own
+        return after, (jnp.concatenate([after, own]), jnp.concatenate([before, own]))
+
+    zero = jnp.zeros((n, horizon * m))
+    stages = jnp.arange(horizon)
+    _, (at_next, at_now) = jax.lax.scan(step, zero, (stages, lin.a, lin.b, lin.rho))
+    hessian = jnp.einsum("tak,tab,tbl->kl", at_next, lin.hessian, at_next)
+    hessian += jnp.einsum("tak,tab,tbl->kl", at_now, curve, at_now)
+    scale = jnp.maximum(jnp.max(jnp.abs(hessian)), 1.0)
+
+    def stiff(slack: Array, mult: Array, mask: Array) -> Array:
+        return jnp.where((mask > 0) & (mult > slack), 1e4 * scale, 0.0)
+
+    bounds = stiff(point.slack_low, point.mult_low, masks.low) + stiff(
+        point.slack_high, point.mult_high, masks.high
+    )
+    hessian += jnp.einsum("tak,ta,tal->kl", at_next, bounds, at_next)
+    spare = lin.penalty - point.mult
+    active = (point.mult > point.slack) & (~masks.elastic | (spare > point.excess))
+    rows = jnp.where(active | masks.equality, 1e4 * scale, 0.0)
+    normals = jnp.einsum("tka,tal->tkl", lin.jacobian, at_next)
+    hessian += jnp.einsum("tkl,tk,tkj->lj", normals, rows, normals)
+    return jnp.linalg.eigvalsh(0.5 * (hessian + hessian.T))[0]
+
+
+def _restricted(layout: Layout, i: int, point: Iterate) -> Iterate:
+    """Player i's part of a joint iterate, in the layout of its best-response game."""
+    mine = layout.owner == i
+    rows = [k for k, r in enumerate(layout.rows) if r.binds[i] and r.kind != "equality"]
+    private = [k for k in rows if layout.rows[k].player == i]
+    equal = [k for k, r in enumerate(layout.rows) if r.player == i and r.kind == "equality"]
+    shared = [k for k in rows if layout.rows[k].player == -1]
+    order = jnp.asarray([*private, *shared, *equal], int)
+    sx, su = layout.state_slices[i], layout.control_slices[i]
+    w, k = (lambda v: v[:, mine]), (lambda v: v[:, order])
+    return Iterate(
+        point.x[:, sx],
+        point.u[:, su],
+        w(point.slack_low),
+        w(point.slack_high),
+        w(point.mult_low),
+        w(point.mult_high),
+        k(point.slack),
+        k(point.excess),
+        k(point.mult),
+    )
+
+
+@partial(jax.jit, static_argnums=(0, 1))
+def _verify(
+    layout: Layout, options: Options, parameters: Parameters, point: Iterate, solved: Array
+) -> Verification:
+    gaps, colds, curvatures = [], [], []
+    for i in range(len(layout.game.players)):
+        alone = layout_of(best_response_game(layout.game, i))
+        theta = best_response_theta(layout, i, parameters.theta, point.x, point.u)
+        mine = Parameters(
+            parameters.x0[layout.state_slices[i]], (theta,), parameters.gamma[i : i + 1]
+        )
+        own = _restricted(layout, i, point)
+        here = player_cost(alone, 0, own.x, own.u, mine)
+
+        def gain(found: Equilibrium, mine: Parameters = mine, alone: Layout = alone,
+                 here: Array = here) -> Array:  # fmt: skip
+            cost = player_cost(alone, 0, found.point.x, found.point.u, mine)
+            return jnp.where(found.success, here - cost, -jnp.inf)
+
+        nudged = own._replace(u=own.u + 1e-3 * jnp.sin(1.0 + jnp.arange(own.u.size)).reshape(own.u.shape))
+        gaps.append(gain(solve_joint(alone, options, mine, nudged)))
+        colds.append(gain(solve_joint(alone, options, mine, None)))
+        curvatures.append(_curvature(alone, options, mine, own))
+    gap, curvature = jnp.stack(gaps), jnp.stack(curvatures)
+    local = solved & jnp.all(curvature > 0.0) & jnp.all(gap <= 1e-6)
+    return Verification(local, gap, jnp.stack(colds), curvature)
+
+
+def verify(
+    game: Game,
+    solution: Solution,
+    theta: Sequence[Theta],
+    gamma: Any,
+    *,
+    options: Options = Options(),
+) -> Verification:
+    """Check that `solution` is a local equilibrium of `game` with these parameters.
+
+    Raises `ValueError` on shapes that do not fit the game.
+    """
+    layout = layout_of(game)
+    parameters = check_parameters(game, [s[0] for s in solution.states], theta, gamma)
+    with jax.enable_x64(True):
+        solved = jnp.asarray(solution.status) == Status.SOLVED
+        found: Verification = to_numpy(
+            _verify(layout, options, parameters, to_double(solution.point), solved)
+        )
+    return found

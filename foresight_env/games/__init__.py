@@ -1,0 +1,51 @@
+"""What a game is: dynamics, stage costs, discounting, constraints, observation models."""
+
+from foresight_env.games.constraints import (
+    Bounds,
+    Equality,
+    Inequality,
+    KeepAllApart,
+    KeepApart,
+    SharedInequality,
+)
+from foresight_env.games.costs import (
+    Composite,
+    Effort,
+    Goal,
+    LaneCenter,
+    SigmoidProximity,
+    SquaredDistanceHinge,
+    TargetSpeed,
+)
+from foresight_env.games.discounting import CustomDiscounting, Discounting, Exponential, Hyperbolic
+from foresight_env.games.dynamics import DoubleIntegrator, Dynamics, KinematicBicycle
+from foresight_env.games.game import Game, Player
+from foresight_env.games.observations import ObservationModel, full_state, positions
+
+__all__ = [
+    "Bounds",
+    "Composite",
+    "CustomDiscounting",
+    "Discounting",
+    "DoubleIntegrator",
+    "Dynamics",
+    "Effort",
+    "Equality",
+    "Exponential",
+    "Game",
+    "Goal",
+    "Hyperbolic",
+    "Inequality",
+    "KeepAllApart",
+    "KeepApart",
+    "KinematicBicycle",
+    "LaneCenter",
+    "ObservationModel",
+    "Player",
+    "SharedInequality",
+    "SigmoidProximity",
+    "SquaredDistanceHinge",
+    "TargetSpeed",
+    "full_state",
+    "positions",
+]

@@ -1,0 +1,128 @@
+"""Constraints: bounds, inequalities `g >= 0`, equalities `g == 0`, own or shared, hard or elastic.
+
+An *elastic* inequality is the exact penalty `penalty * max(0, -g)`, the paper's soft collision
+cost. Solvers treat it as an inequality whose multiplier is at most `penalty`, which keeps the game
+smooth where the penalty has a kink.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from foresight_env.games.costs import Weight, weight_value
+from foresight_env.games.types import (
+    ConstraintFunction,
+    Controls,
+    SharedConstraintFunction,
+    StageNumber,
+    States,
+    Theta,
+)
+
+Limits = tuple[tuple[float, ...], ...]
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """`lower <= value <= upper`, per entry and, where a user wants it, per stage.
+
+    Build it with `Bounds.box`; infinite entries are free.
+    """
+
+    lower: Limits
+    upper: Limits
+
+    @staticmethod
+    def box(lower: float | Sequence[float], upper: float | Sequence[float], size: int) -> Bounds:
+        """Bounds from numbers, vectors (size,) or, for time-varying ones, arrays (T, size)."""
+        rows = []
+        for name, value in (("lower", lower), ("upper", upper)):
+            array = np.asarray(value, dtype=float)
+            if np.isnan(array).any():
+                raise ValueError(f"{name}: contains NaN; use infinity for a free entry")
+            if array.ndim > 2 or (array.ndim and array.shape[-1] != size):
+                raise ValueError(
+                    f"{name}: has shape {array.shape}; expected a number, ({size},) or (T, {size})"
+                )
+            full = np.broadcast_to(array, (*array.shape[:-1], size)) if array.ndim < 2 else array
+            rows.append(np.atleast_2d(full))
+        if not (rows[0] < rows[1]).all():
+            raise ValueError("lower: must be below upper everywhere (use an equality to fix it)")
+        low, high = (tuple(tuple(float(v) for v in row) for row in array) for array in rows)
+        return Bounds(low, high)
+
+
+@dataclass(frozen=True)
+class Inequality:
+    """One player's own inequality `function(i, t, x, u, theta) >= 0` at every stage, (size,).
+
+    `penalty=None` is hard; a number or the name of an entry of `theta` makes it elastic.
+    """
+
+    function: ConstraintFunction
+    size: int
+    penalty: Weight | None = None
+
+
+@dataclass(frozen=True)
+class Equality:
+    """One player's own equality `function(i, t, x, u, theta) == 0` at every stage, (size,)."""
+
+    function: ConstraintFunction
+    size: int
+
+
+@dataclass(frozen=True)
+class SharedInequality:
+    """`function(t, x, u, thetas) >= 0` at every stage, (size,), binding several players.
+
+    A shared constraint leaves open who gives way. `multiplier` says which equilibrium is meant:
+
+    - `"individual"`: the players' multipliers are equal in their own current values, so that each
+      feels the constraint at stage t as strongly beside its own stage cost at t;
+    - `"common"`: one multiplier in present values (the normalised equilibrium of Rosen, 1965). The
+      more farsighted a player is, the less the constraint weighs for it late in the game.
+
+    `players`: indices of those bound; None means all.
+    """
+
+    function: SharedConstraintFunction
+    size: int
+    multiplier: Literal["individual", "common"] = "individual"
+    players: tuple[int, ...] | None = None
+
+
+@dataclass(frozen=True)
+class KeepApart:
+    """`||p_i - p_j||^2 - threshold` for every other player j, (N - 1,), m^2 (paper, eq. 6).
+
+    The paper writes `threshold = delta * d_min`; it is compared with a *squared* distance.
+    """
+
+    threshold: Weight
+
+    def __call__(
+        self, i: int, t: StageNumber, x: States, u: Controls, theta: Theta
+    ) -> Float[Array, "N-1"]:
+        gaps = [jnp.sum((x[i][:2] - xj[:2]) ** 2) for j, xj in enumerate(x) if j != i]
+        return jnp.stack(gaps) - weight_value(self.threshold, theta)
+
+
+@dataclass(frozen=True)
+class KeepAllApart:
+    """`||p_i - p_j||^2 - threshold` for every pair i < j, (N (N - 1) / 2,), m^2, as shared rows."""
+
+    threshold: float
+
+    def __call__(
+        self, t: StageNumber, x: States, u: Controls, thetas: tuple[Theta, ...]
+    ) -> Float[Array, "pairs"]:
+        pairs = [(i, j) for i in range(len(x)) for j in range(i + 1, len(x))]
+        gaps = [jnp.sum((x[i][:2] - x[j][:2]) ** 2) for i, j in pairs]
+        return jnp.stack(gaps) - self.threshold

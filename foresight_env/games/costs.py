@@ -1,0 +1,142 @@
+"""Stage costs `cost(i, t, x, u, theta)`, each a small hashable object (paper, section VI).
+
+A weight is a number, or the name of an entry of the player's `theta` when it is a parameter.
+`Composite` costs tell the solver how they curve: `outer` is convex, `inner` is what bends.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from foresight_env.games.types import Controls, Scalar, StageNumber, States, Theta
+
+Weight = float | str
+
+
+def weight_value(weight: Weight, theta: Theta) -> Scalar:
+    """The number itself, or the entry of `theta` that `weight` names."""
+    return jnp.asarray(theta[weight] if isinstance(weight, str) else weight)
+
+
+@runtime_checkable
+class Composite(Protocol):
+    """A cost `outer(inner(...), theta)` with `outer` convex.
+
+    Far from an equilibrium, solvers replace `inner` by its linearisation in second derivatives
+    (Gauss-Newton), which keeps each player's own problem convex there.
+    """
+
+    def inner(
+        self, i: int, t: StageNumber, x: States, u: Controls, theta: Theta
+    ) -> Float[Array, "r"]: ...
+
+    def outer(self, value: Float[Array, "r"], theta: Theta) -> Scalar: ...
+
+
+def distances(i: int, x: States) -> Float[Array, "N-1"]:
+    """Distances (m) from player `i` to every other player; states begin with the position."""
+    others = [x[i][:2] - xj[:2] for j, xj in enumerate(x) if j != i]
+    squared = jnp.stack([jnp.sum(d**2) for d in others])
+    # The square root has no derivative at 0: agents exactly on top of each other get gradient 0.
+    positive = jnp.where(squared > 0.0, squared, 1.0)
+    return jnp.where(squared > 0.0, jnp.sqrt(positive), 0.0)
+
+
+@dataclass(frozen=True)
+class Goal:
+    """`w * ||p - goal||^2`, goal (2,) in metres from `theta[goal]`."""
+
+    weight: Weight = 1.0
+    goal: str = "goal"
+
+    def __call__(self, i: int, t: StageNumber, x: States, u: Controls, theta: Theta) -> Scalar:
+        return weight_value(self.weight, theta) * jnp.sum((x[i][:2] - theta[self.goal]) ** 2)
+
+
+@dataclass(frozen=True)
+class Effort:
+    """`w * ||u||^2`."""
+
+    weight: Weight = 0.1
+
+    def __call__(self, i: int, t: StageNumber, x: States, u: Controls, theta: Theta) -> Scalar:
+        return weight_value(self.weight, theta) * jnp.sum(u[i] ** 2)
+
+
+@dataclass(frozen=True)
+class SquaredDistanceHinge:
+    """`w * sum_j max(0, distance - ||p_i - p_j||)^2`: the reference implementation's proximity."""
+
+    distance: Weight = 1.2
+    weight: Weight = 5.0
+
+    def inner(
+        self, i: int, t: StageNumber, x: States, u: Controls, theta: Theta
+    ) -> Float[Array, "N-1"]:
+        return weight_value(self.distance, theta) - distances(i, x)
+
+    def outer(self, value: Float[Array, "N-1"], theta: Theta) -> Scalar:
+        return weight_value(self.weight, theta) * jnp.sum(jnp.maximum(value, 0.0) ** 2)
+
+    def __call__(self, i: int, t: StageNumber, x: States, u: Controls, theta: Theta) -> Scalar:
+        return self.outer(self.inner(i, t, x, u, theta), theta)
+
+
+@dataclass(frozen=True)
+class SigmoidProximity:
+    """`w * sum_j 1 / (1 + exp(sharpness * (||p_i - p_j|| - distance)))` over `others` (inD game).
+
+    `others`: indices of the players that count; None means all.
+    """
+
+    distance: Weight = 1.0
+    weight: Weight = 1.0
+    sharpness: float = 10.0
+    others: tuple[int, ...] | None = None
+
+    def __call__(self, i: int, t: StageNumber, x: States, u: Controls, theta: Theta) -> Scalar:
+        chosen = [j for j in range(len(x)) if j != i and (self.others is None or j in self.others)]
+        if not chosen:
+            return jnp.zeros(())
+        gap = distances(0, (x[i], *(x[j] for j in chosen))) - weight_value(self.distance, theta)
+        return weight_value(self.weight, theta) * jnp.sum(jax.nn.sigmoid(-self.sharpness * gap))
+
+
+@dataclass(frozen=True)
+class LaneCenter:
+    """`w * (py - polynomial(px))^2`: squared distance to the lane's centre line (paper, VI-B).
+
+    `coefficients`: highest power first, as `numpy.polyfit` returns them; metres.
+    """
+
+    coefficients: tuple[float, ...]
+    weight: Weight = 1.0
+
+    def inner(
+        self, i: int, t: StageNumber, x: States, u: Controls, theta: Theta
+    ) -> Float[Array, "1"]:
+        center = jnp.polyval(jnp.asarray(self.coefficients), x[i][0])
+        return jnp.reshape(x[i][1] - center, (1,))
+
+    def outer(self, value: Float[Array, "1"], theta: Theta) -> Scalar:
+        return weight_value(self.weight, theta) * jnp.sum(value**2)
+
+    def __call__(self, i: int, t: StageNumber, x: States, u: Controls, theta: Theta) -> Scalar:
+        return self.outer(self.inner(i, t, x, u, theta), theta)
+
+
+@dataclass(frozen=True)
+class TargetSpeed:
+    """`w * (v - target)^2` for states whose third entry is the speed (m/s), as a bicycle's."""
+
+    target: Weight
+    weight: Weight = 1.0
+
+    def __call__(self, i: int, t: StageNumber, x: States, u: Controls, theta: Theta) -> Scalar:
+        error = x[i][2] - weight_value(self.target, theta)
+        return weight_value(self.weight, theta) * error**2

@@ -1,0 +1,72 @@
+"""Discounting functions `Gamma(t; gamma)`: how much a cost at stage t counts (paper, eq. 1).
+
+Solvers never use `Gamma(t)` itself, which underflows (`0.5**25` is 3e-8), but the ratio
+`Gamma(t + 1) / Gamma(t)`, in which first-order conditions can be written exactly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from foresight_env.games.types import Scalar
+
+
+@runtime_checkable
+class Discounting(Protocol):
+    """A family of weights over stages, twice differentiable in `gamma`."""
+
+    def weight(self, t: Float[Array, ""], gamma: Scalar) -> Scalar:
+        """`Gamma(t; gamma) > 0`, dimensionless."""
+        ...
+
+    def ratio(self, t: Float[Array, ""], gamma: Scalar) -> Scalar:
+        """`Gamma(t + 1; gamma) / Gamma(t; gamma)`, computed without forming either."""
+        ...
+
+
+@dataclass(frozen=True)
+class Exponential:
+    """`Gamma(t) = gamma**t` (paper, section III-A). `gamma -> 0` is myopic, `gamma > 1` allowed."""
+
+    def weight(self, t: Float[Array, ""], gamma: Scalar) -> Scalar:
+        return gamma**t
+
+    def ratio(self, t: Float[Array, ""], gamma: Scalar) -> Scalar:
+        return gamma
+
+
+@dataclass(frozen=True)
+class Hyperbolic:
+    """`Gamma(t) = 1 / (1 + k t)` with `k = 1/gamma - 1`: people's discounting as psychology has it.
+
+    Parametrised so that `gamma = 1` discounts nothing and `Gamma(1) = gamma`, as for
+    `Exponential`; 0 < gamma <= 1. Source: Mazur, "An adjusting procedure for studying delayed
+    reinforcement" (1987), eq. 1.
+    """
+
+    def weight(self, t: Float[Array, ""], gamma: Scalar) -> Scalar:
+        return gamma / (gamma + (1.0 - gamma) * t)
+
+    def ratio(self, t: Float[Array, ""], gamma: Scalar) -> Scalar:
+        return (gamma + (1.0 - gamma) * t) / (gamma + (1.0 - gamma) * (t + 1.0))
+
+
+@dataclass(frozen=True)
+class CustomDiscounting:
+    """Any twice-differentiable `log Gamma(t; gamma)` given as a function `log_weight(t, gamma)`.
+
+    The logarithm is asked for because it does not underflow.
+    """
+
+    log_weight: Callable[[Float[Array, ""], Scalar], Scalar]
+
+    def weight(self, t: Float[Array, ""], gamma: Scalar) -> Scalar:
+        return jnp.exp(self.log_weight(t, gamma))
+
+    def ratio(self, t: Float[Array, ""], gamma: Scalar) -> Scalar:
+        return jnp.exp(self.log_weight(t + 1.0, gamma) - self.log_weight(t, gamma))

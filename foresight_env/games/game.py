@@ -1,0 +1,84 @@
+"""A discounted dynamic game: players, horizon and shared constraints (paper, eq. 3).
+
+Player i minimises `sum_t Gamma^i(t; gamma^i) * sum_k cost_k(i, t, x_{t+1}, u_t; theta^i)` over its
+own controls, t = 1..T. Stage t charges control `u_t` and the state it leads to; `x_1` is given. Each
+player moves by its own dynamics; players meet in costs and constraints.
+
+Games are hashable: two equal games share one compiled solver.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from foresight_env.games.constraints import Bounds, Equality, Inequality, SharedInequality
+from foresight_env.games.discounting import Discounting, Exponential
+from foresight_env.games.dynamics import Dynamics
+from foresight_env.games.types import CostFunction
+
+
+@dataclass(frozen=True)
+class Player:
+    """One player of a game.
+
+    `costs` are discounted by `discounting`; `undiscounted_costs` count fully at every stage (the
+    reference implementation's proximity is one). Bounds on states hold from `x_2` on.
+    """
+
+    dynamics: Dynamics
+    costs: tuple[CostFunction, ...]
+    undiscounted_costs: tuple[CostFunction, ...] = ()
+    discounting: Discounting = Exponential()
+    state_bounds: Bounds | None = None
+    control_bounds: Bounds | None = None
+    inequalities: tuple[Inequality, ...] = ()
+    equalities: tuple[Equality, ...] = ()
+    name: str = ""
+
+
+@dataclass(frozen=True)
+class Game:
+    """`players` over `horizon` stages of `dt` seconds, with constraints that bind several."""
+
+    players: tuple[Player, ...]
+    horizon: int
+    shared: tuple[SharedInequality, ...] = ()
+    dt: float = 0.1
+
+    def __post_init__(self) -> None:
+        if not self.players:
+            raise ValueError("players: a game needs at least one player")
+        if self.horizon < 1:
+            raise ValueError(f"horizon: is {self.horizon}; a game has at least one stage")
+        for number, constraint in enumerate(self.shared):
+            for i in constraint.players or ():
+                if not 0 <= i < len(self.players):
+                    raise ValueError(
+                        f"shared[{number}].players: names player {i}, but the game's players are "
+                        f"0..{len(self.players) - 1}"
+                    )
+        for i, player in enumerate(self.players):
+            sizes = {
+                "state_bounds": player.dynamics.state_size,
+                "control_bounds": player.dynamics.control_size,
+            }
+            for name, size in sizes.items():
+                bounds: Bounds | None = getattr(player, name)
+                if bounds is None:
+                    continue
+                for rows in (bounds.lower, bounds.upper):
+                    if len(rows) not in (1, self.horizon) or len(rows[0]) != size:
+                        raise ValueError(
+                            f"players[{i}].{name}: has shape ({len(rows)}, {len(rows[0])}); "
+                            f"expected (1, {size}) or ({self.horizon}, {size})"
+                        )
+
+    @property
+    def state_sizes(self) -> tuple[int, ...]:
+        """Each player's state size."""
+        return tuple(p.dynamics.state_size for p in self.players)
+
+    @property
+    def control_sizes(self) -> tuple[int, ...]:
+        """Each player's control size."""
+        return tuple(p.dynamics.control_size for p in self.players)

@@ -1,0 +1,2 @@
+"""Crosswalk."""
+from foresight_env.games import *
