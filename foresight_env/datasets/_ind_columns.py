@@ -18,7 +18,7 @@ def track_rows(tracks: Sequence[Track], number: int, rate: float) -> dict[str, n
     acceleration = np.concatenate([_acceleration(track, rate) for track in tracks])
     counts = [track.frames.size for track in tracks]
 
-    def per_row(values: Sequence[float]) -> np.ndarray:
+    def per_row(values: Sequence[int] | Sequence[float]) -> np.ndarray:
         return np.repeat(np.array(values), counts)
 
     cosine, sine = np.cos(heading), np.sin(heading)

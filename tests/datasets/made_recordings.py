@@ -33,8 +33,8 @@ def walk(
         kind=kind,
         frames=numbers,
         position=position,
-        velocity=np.tile(velocity, (numbers.size, 1)),
-        heading=np.full(numbers.size, heading),
+        velocity=np.tile(np.array(velocity, dtype=float), (numbers.size, 1)),
+        heading=np.full(numbers.size, float(heading)),
     )
 
 

@@ -58,7 +58,7 @@ def test_straight_walks_cross_where_they_were_made_to(
     assert found.angle == pytest.approx(angle)
     distances = np.linalg.norm(tracks[0].position - tracks[1].position, axis=1)
     assert found.minimum_distance == pytest.approx(distances.min())
-    assert distances[found.minimum_distance_frame] == found.minimum_distance
+    assert distances[found.minimum_distance_frame] == pytest.approx(distances.min())
     listed = closest_crossings(recording, max_time_difference=20.0)
     assert [item.agents for item in listed] == [found.agents]
     window = recording.window(found.agents, found.first_frame, found.steps, found.every)

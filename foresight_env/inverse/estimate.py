@@ -1,0 +1,285 @@
+"""The inverse problem: from observations to discount factors and cost parameters, with doubt."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from foresight_env.equilibrium.implicit import Equilibrium
+from foresight_env.equilibrium.interior_point import Options
+from foresight_env.equilibrium.kkt import Iterate, Parameters
+from foresight_env.equilibrium.layout import Layout, layout_of
+from foresight_env.equilibrium.solve import Solution, to_solution
+from foresight_env.equilibrium.status import Status
+from foresight_env.equilibrium.validation import check_parameters
+from foresight_env.games.game import Game
+from foresight_env.games.observations import ObservationModel
+from foresight_env.games.types import Scalar, Theta
+from foresight_env.inverse.coordinates import Coordinates, Free
+from foresight_env.inverse.fit import Data, Fit, Problem, trajectory_jacobian
+from foresight_env.inverse.gauss_newton import GaussNewton
+from foresight_env.inverse.gradient_descent import GradientDescent
+from foresight_env.inverse.prior import Prior, prior_terms
+from foresight_env.inverse.tracking import track
+from foresight_env.precision import to_numpy
+
+
+class Estimate(NamedTuple):
+    """Estimated parameters, how certain they are, and the trajectory that they imply."""
+
+    theta: tuple[Theta, ...]
+    gamma: Float[Array, "N"]
+    initial_state: tuple[Float[Array, "_"], ...]
+    solution: Solution
+    """The equilibrium at the estimate: the past explained, the rest of the horizon predicted."""
+    cost: Scalar
+    """Value of the objective (paper, problem 1, prior included)."""
+    names: tuple[str, ...]
+    """Names of the p free parameters, in the order of `values` and `covariance`."""
+    values: Float[Array, "p"]
+    covariance: Float[Array, "p p"]
+    """Laplace approximation: inverse of the Gauss-Newton information, prior included."""
+    determined: Array
+    """(p,) False where the data leave a parameter open; see `is_determined`."""
+    state_deviation: tuple[Float[Array, "T+1 _"], ...]
+    """Standard deviation of the trajectory that `covariance` implies, per player."""
+    status: Int[Array, ""]
+    """`Status.SOLVED` when some start found a fit whose game was solved."""
+    iterations: Int[Array, ""]
+    """Forward solves, all starts together."""
+    start_costs: Float[Array, "S"]
+    """Objective reached from each start (infinite where the solve failed)."""
+
+    @property
+    def deviation(self) -> Float[Array, "p"]:
+        """Standard deviation of each free parameter."""
+        return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+
+    @property
+    def gamma_deviation(self) -> Float[Array, "N"]:
+        """Standard deviation of each discount factor; 0 where it is fixed."""
+        out = np.zeros(len(self.gamma))
+        for name, value in zip(self.names, self.deviation, strict=True):
+            if name.startswith("gamma of "):
+                out[int(name.split()[-1])] = value
+        return out
+
+
+@dataclass(frozen=True)
+class MultiStart:
+    """Local fits from several starts; the best one wins.
+
+    The landscape has local minima and flat valleys: from one random start 2 to 5 fits of 8 find the
+    best minimum. The first start is the caller's; the others take discount factors from a
+    low-discrepancy sequence over `gamma_range`, and the caller's other parameters.
+    """
+
+    count: int = 6
+    gamma_range: tuple[float, float] = (0.3, 1.0)
+
+    def spread(self, coordinates: Coordinates, values: Array) -> Float[Array, "S p"]:
+        """Starting vectors, the caller's first."""
+        from scipy.stats import qmc
+
+        where = np.flatnonzero(coordinates.is_gamma)
+        if self.count < 2 or where.size == 0:
+            return jnp.asarray(values)[None]
+        points = qmc.Halton(where.size, scramble=False).random(self.count)[1:]
+        low, high = self.gamma_range
+        starts = jnp.tile(jnp.asarray(values), (self.count, 1))
+        return starts.at[1:, where].set(low + (high - low) * points)
+
+
+UNDETERMINED_GAMMA = 0.29
+"""Data-only deviation above which a discount factor counts as open: that of a uniform guess on
+[0, 1] (1 / sqrt(12))."""
+
+
+def is_determined(coordinates: Coordinates, information: Array, values: Array) -> Array:
+    """(p,) which parameters the data alone pin down.
+
+    From the data's information matrix (no prior) each parameter's marginal deviation is computed; a
+    discount factor counts as determined below `UNDETERMINED_GAMMA`, any other parameter below
+    `max(1, |value|)` in its own unit.
+    """
+    scale = jnp.maximum(jnp.abs(values), 1.0)
+    limit = jnp.where(jnp.asarray(coordinates.is_gamma), UNDETERMINED_GAMMA, scale)
+    ridge = 1e-6 / limit**2
+    deviation = jnp.sqrt(jnp.diag(jnp.linalg.inv(information + jnp.diag(ridge))))
+    return deviation < limit
+
+
+def check_observations(
+    layout: Layout, model: ObservationModel, observations: Any, covariance: Any
+) -> tuple[np.ndarray, np.ndarray]:
+    """Observations (K, size) with zeros for missing entries, and whitening matrices.
+
+    Missing entries are NaN. `covariance`: a number (times identity), (size, size), or per stage
+    (K, size, size).
+    """
+    values = np.asarray(observations, dtype=float)
+    horizon = layout.game.horizon
+    if values.ndim != 2 or values.shape[1] != model.size:
+        raise ValueError(
+            f"observations: have shape {values.shape}; expected (stages, {model.size})"
+        )
+    if not 2 <= values.shape[0] <= horizon + 1:
+        raise ValueError(
+            f"observations: {values.shape[0]} stages; a game of horizon {horizon} has states x_1 to "
+            f"x_{horizon + 1}, and two are the least to infer from"
+        )
+    if np.isinf(values).any():
+        raise ValueError("observations: contain infinity; mark missing entries as NaN")
+    seen = ~np.isnan(values)
+    if not seen.any():
+        raise ValueError("observations: every entry is missing")
+    count, size = values.shape
+    matrix = np.asarray(covariance, dtype=float)
+    if matrix.ndim == 0:
+        matrix = matrix * np.eye(size)
+    if matrix.shape not in ((size, size), (count, size, size)):
+        raise ValueError(
+            f"covariance: has shape {matrix.shape}; expected a number, ({size}, {size}) or "
+            f"({count}, {size}, {size})"
+        )
+    whiten = np.zeros((count, size, size))
+    for t, sigma in enumerate(np.broadcast_to(matrix, (count, size, size))):
+        index = np.flatnonzero(seen[t])
+        try:
+            root = np.linalg.cholesky(sigma[np.ix_(index, index)])
+        except np.linalg.LinAlgError as error:
+            raise ValueError(
+                "covariance: is not symmetric positive definite; noise-free data take a small "
+                "positive number"
+            ) from error
+        whiten[t][np.ix_(index, index)] = np.linalg.inv(root) if index.size else 0.0
+    return np.where(seen, values, 0.0), whiten
+
+
+@partial(jax.jit, static_argnums=(0, 1))
+def _run(
+    problem: Problem,
+    method: GaussNewton | GradientDescent,
+    data: Data,
+    base: Parameters,
+    starts: Float[Array, "S p"],
+    guess: Iterate | None,
+) -> tuple[Fit, Int[Array, ""], Float[Array, "S"]]:
+    begin = track(problem, data, base) if guess is None else guess
+
+    def one(values: Array) -> tuple[Fit, Int[Array, ""]]:
+        return method.run(problem, data, base, values, begin)
+
+    fits, counts = jax.vmap(one)(starts)
+    best = jnp.argmin(fits.cost)
+    return jax.tree.map(lambda v: v[best], fits), jnp.sum(counts), fits.cost
+
+
+@partial(jax.jit, static_argnums=0)
+def _finish(problem: Problem, data: Data, base: Parameters, fit: Fit) -> tuple[Any, ...]:
+    layout, coordinates = problem.layout, problem.coordinates
+    parameters = coordinates.unpack(fit.values, base)
+    zero = jnp.zeros(())
+    raw = Equilibrium(
+        fit.point, jnp.zeros_like(fit.point.x), fit.error, zero, zero, jnp.zeros((), int), fit.success
+    )
+    solution = to_solution(layout, raw, parameters)
+    seen = fit.residual.shape[0] - data.prior_root.shape[0]
+    from_data = fit.jacobian[:seen].T @ fit.jacobian[:seen]
+    information = fit.jacobian.T @ fit.jacobian
+    floor = 1e-12 * jnp.maximum(jnp.max(jnp.diag(information)), 1e-12)
+    low, high = (jnp.asarray(b) for b in coordinates.bounds())
+    held = (fit.values <= low) | (fit.values >= high)
+    free = jnp.where(held, 0.0, 1.0)
+    # Parameters that rest on a limit do not vary: their rows are left out of the inverse.
+    reduced = information * free[:, None] * free + jnp.diag(1.0 - free + floor)
+    covariance = jnp.linalg.inv(reduced) * free[:, None] * free
+    first, rest = trajectory_jacobian(problem, raw, base, fit.values)
+    rates = jnp.concatenate([first[:, None], rest], axis=1)
+    variance = jnp.einsum("ptn,pq,qtn->tn", rates, covariance, rates)
+    deviation = jnp.sqrt(jnp.maximum(variance, 0.0))
+    determined = is_determined(coordinates, from_data, fit.values)
+    return parameters, solution, covariance, determined, deviation
+
+
+def estimate(
+    game: Game,
+    observations: Any,
+    model: ObservationModel,
+    *,
+    initial_state: Any,
+    theta: Sequence[Theta],
+    gamma: Any,
+    free: Free | Sequence[Free] = Free(),
+    covariance: Any = 1.0,
+    prior: Prior = Prior(),
+    method: GaussNewton | GradientDescent = GaussNewton(),
+    starts: MultiStart = MultiStart(),
+    guess: Solution | None = None,
+    options: Options = Options(),
+) -> Estimate:
+    """Estimate what `free` names from noisy, possibly partial observations.
+
+    Args:
+        game: the game that is played over the whole horizon T.
+        observations: (K, size) of `h(x_1), ..., h(x_K)`, 2 <= K <= T + 1; NaN where missing (an agent
+            that is seen late or occluded). Stages after K are predicted.
+        model: the observation model `h`.
+        initial_state: per-player `x_1`: known, or where to start when free.
+        theta: per-player parameters: fixed, or where to start.
+        gamma: discount factors: fixed, or where to start; the gamma = 1 baseline fixes them at 1.
+        free: what is estimated, for all players or per player.
+        covariance: of the noise: a number (variance), (size, size) or (K, size, size).
+        prior: beliefs before the data.
+        method: `GaussNewton()` (default) or `GradientDescent(rate)`, the paper's Algorithm 1.
+        starts: multi-start settings; `MultiStart(1)` uses the caller's start alone.
+        guess: solution of a similar game to start from; by default a trajectory that follows the
+            observations.
+        options: forward-solver settings.
+
+    Returns:
+        An `Estimate`; check `status`.
+
+    Raises:
+        ValueError: an argument has the wrong shape or value; the message names it.
+    """
+    layout = layout_of(game)
+    parameters = check_parameters(game, initial_state, theta, gamma)
+    coordinates = Coordinates.of(layout, free, parameters)
+    if not coordinates.names:
+        raise ValueError("free: nothing is free; there is nothing to estimate")
+    values, whiten = check_observations(layout, model, observations, covariance)
+    with jax.enable_x64(True):
+        problem = Problem(layout, coordinates, model, options)
+        begin = coordinates.pack(parameters)
+        mean, root = prior_terms(prior, coordinates, begin)
+        data = Data(jnp.asarray(values), jnp.asarray(whiten), mean, root)
+        initial = starts.spread(coordinates, begin)
+        point = None if guess is None else Iterate(*guess.point)
+        fit, count, costs = _run(problem, method, data, parameters, initial, point)
+        found, solution, spread, determined, deviation = _finish(problem, data, parameters, fit)
+        status = jnp.where(fit.success, solution.status, Status.ITERATION_LIMIT)
+        result = Estimate(
+            found.theta,
+            found.gamma,
+            layout.split_states(found.x0),
+            solution,
+            fit.cost,
+            (),
+            fit.values,
+            spread,
+            determined,
+            tuple(deviation[:, s] for s in layout.state_slices),
+            status,
+            count,
+            costs,
+        )
+        done: Estimate = to_numpy(result)
+    return done._replace(names=coordinates.names)

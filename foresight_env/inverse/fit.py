@@ -1,0 +1,121 @@
+"""The inverse problem as least squares: whitened residuals and their implicit Jacobian.
+
+Minimise `sum_t (h(x_t) - y_t)' Sigma_t^{-1} (h(x_t) - y_t) + prior` (paper, problem 1), where the
+trajectory is the equilibrium of the parameters.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from foresight_env.equilibrium.implicit import Equilibrium, solution_tangent
+from foresight_env.equilibrium.interior_point import Options
+from foresight_env.equilibrium.kkt import Iterate, Parameters
+from foresight_env.equilibrium.layout import Layout
+from foresight_env.equilibrium.solve import solve_joint
+from foresight_env.games.observations import ObservationModel
+from foresight_env.games.types import Scalar
+from foresight_env.inverse.coordinates import Coordinates
+
+
+class Data(NamedTuple):
+    """What was seen, and what was believed before."""
+
+    values: Float[Array, "K size"]
+    """Observations of `x_1..x_K`; missing entries hold 0."""
+    whiten: Float[Array, "K size size"]
+    """`Sigma_t^{-1/2}` on the entries that were seen, zero rows for missing ones."""
+    prior_mean: Float[Array, "p"]
+    prior_root: Float[Array, "q p"]
+    """Square root of the prior's information: its cost is `||root (v - mean)||^2`."""
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Static part of an inverse problem."""
+
+    layout: Layout
+    coordinates: Coordinates
+    model: ObservationModel
+    options: Options
+
+
+class Fit(NamedTuple):
+    """One parameter vector with everything known about it."""
+
+    values: Float[Array, "p"]
+    cost: Scalar
+    residual: Float[Array, "r"]
+    jacobian: Float[Array, "r p"]
+    point: Iterate
+    error: Scalar
+    success: Bool[Array, ""]
+
+
+def predicted(problem: Problem, x0: Array, x: Float[Array, "T n"], count: int) -> Array:
+    """`h(x_1), ..., h(x_count)`."""
+    states = jnp.concatenate([x0[None], x])[:count]
+    return jax.vmap(lambda s: problem.model(problem.layout.split_states(s)))(states)
+
+
+def residuals(problem: Problem, data: Data, values: Array, x0: Array, x: Array) -> Array:
+    """Whitened observation errors, then the prior's."""
+    errors = predicted(problem, x0, x, data.values.shape[0]) - data.values
+    seen = jnp.einsum("kij,kj->ki", data.whiten, errors)
+    return jnp.concatenate([seen.ravel(), data.prior_root @ (values - data.prior_mean)])
+
+
+def evaluate_fit(
+    problem: Problem,
+    data: Data,
+    base: Parameters,
+    values: Float[Array, "p"],
+    start: Iterate | Array,
+) -> Fit:
+    """Solve the game at `values` (from `start`) and differentiate the residuals."""
+    parameters = problem.coordinates.unpack(values, base)
+    result = solve_joint(problem.layout, problem.options, parameters, start)
+    residual = residuals(problem, data, values, parameters.x0, result.point.x)
+    rates = trajectory_jacobian(problem, result, base, values)
+    jacobian = residual_jacobian(problem, data, values, parameters.x0, result.point.x, rates)
+    cost = jnp.where(result.success, jnp.sum(residual**2), jnp.inf)
+    return Fit(values, cost, residual, jacobian, result.point, result.error, result.success)
+
+
+def trajectory_jacobian(
+    problem: Problem, result: Equilibrium, base: Parameters, values: Float[Array, "p"]
+) -> tuple[Float[Array, "p n"], Float[Array, "p T n"]]:
+    """Derivatives of `x_1` and of `x_2..x_{T+1}`, one right-hand side per parameter."""
+    layout, options = problem.layout, problem.options
+
+    def along(direction: Array) -> tuple[Array, Array]:
+        parameters, change = jax.jvp(
+            lambda v: problem.coordinates.unpack(v, base), (values,), (direction,)
+        )
+        rate = solution_tangent(layout, options, result, parameters, change)
+        return change.x0, rate.x
+
+    return jax.vmap(along)(jnp.eye(values.shape[0]))
+
+
+def residual_jacobian(
+    problem: Problem,
+    data: Data,
+    values: Array,
+    x0: Array,
+    x: Array,
+    rates: tuple[Array, Array],
+) -> Float[Array, "r p"]:
+    """Chain rule from trajectories to residuals."""
+
+    def along(direction: Array, dx0: Array, dx: Array) -> Array:
+        return jax.jvp(
+            lambda v, a, b: residuals(problem, data, v, a, b), (values, x0, x), (direction, dx0, dx)
+        )[1]
+
+    return jax.vmap(along)(jnp.eye(values.shape[0]), *rates).T

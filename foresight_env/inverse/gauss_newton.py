@@ -1,0 +1,82 @@
+"""Projected Levenberg-Marquardt on the whitened residuals: the default inverse method.
+
+Nocedal and Wright, section 10.3, with the damping scaled by the diagonal (Marquardt) and parameters
+kept in a box by freezing those that would leave it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from foresight_env.equilibrium.kkt import Iterate, Parameters
+from foresight_env.games.types import Scalar
+from foresight_env.inverse.fit import Data, Fit, Problem, evaluate_fit
+
+
+@dataclass(frozen=True)
+class GaussNewton:
+    """Settings of the default method."""
+
+    max_iterations: int = 40
+    cost_tolerance: float = 1e-7
+    """Relative decrease of the cost below which a step counts as the last one."""
+    step_tolerance: float = 1e-8
+    """Largest change of a parameter below which a step counts as the last one."""
+
+    def run(
+        self,
+        problem: Problem,
+        data: Data,
+        base: Parameters,
+        values: Float[Array, "p"],
+        start: Iterate | Array,
+    ) -> tuple[Fit, Int[Array, ""]]:
+        """Improve `values`; returns the best fit and the number of forward solves."""
+        low, high = (jnp.asarray(b) for b in problem.coordinates.bounds())
+        first = evaluate_fit(problem, data, base, jnp.clip(values, low, high), start)
+
+        def unfinished(state: _State) -> Bool[Array, ""]:
+            return ~state.done & (state.count <= self.max_iterations)
+
+        def body(state: _State) -> _State:
+            fit = state.fit
+            step = damped_step(fit, state.damping, low, high)
+            values = jnp.clip(fit.values + step, low, high)
+            trial = evaluate_fit(problem, data, base, values, fit.point)
+            better = trial.success & (trial.cost < fit.cost)
+            gain = fit.cost - trial.cost
+            still = jnp.max(jnp.abs(values - fit.values)) <= self.step_tolerance
+            finished = still | (better & (gain <= self.cost_tolerance * fit.cost))
+            damping = jnp.where(better, jnp.maximum(state.damping * 0.2, 1e-9), state.damping * 6.0)
+            chosen = jax.tree.map(lambda new, old: jnp.where(better, new, old), trial, fit)
+            return _State(chosen, damping, state.count + 1, finished)
+
+        begin = _State(first, jnp.asarray(1e-2), jnp.ones((), int), ~first.success)
+        end = jax.lax.while_loop(unfinished, body, begin)
+        return end.fit, end.count
+
+
+class _State(NamedTuple):
+    fit: Fit
+    damping: Scalar
+    count: Int[Array, ""]
+    done: Bool[Array, ""]
+
+
+def damped_step(fit: Fit, damping: Scalar, low: Array, high: Array) -> Float[Array, "p"]:
+    """Damped Gauss-Newton step; entries pushed against their limit are frozen."""
+    gradient = fit.jacobian.T @ fit.residual
+    stuck = ((fit.values <= low) & (gradient > 0)) | ((fit.values >= high) & (gradient < 0))
+    free = jnp.where(stuck, 0.0, 1.0)
+    jacobian = fit.jacobian * free
+    normal = jacobian.T @ jacobian
+    scale = jnp.diag(normal)
+    # A floor keeps directions that the data say nothing about from running away.
+    ridge = damping * (scale + 1e-6 * jnp.max(scale)) + 1e-12 * jnp.max(scale) + 1e-300
+    step = -jnp.linalg.solve(normal + jnp.diag(ridge + (1.0 - free)), free * gradient)
+    return free * step

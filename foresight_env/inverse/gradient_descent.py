@@ -1,0 +1,52 @@
+"""The paper's Algorithm 1: projected gradient descent with a fixed learning rate."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from foresight_env.equilibrium.kkt import Iterate, Parameters
+from foresight_env.inverse.fit import Data, Fit, Problem, evaluate_fit
+
+
+@dataclass(frozen=True)
+class GradientDescent:
+    """Algorithm 1, with its hyper-parameters `K` and tolerance as published."""
+
+    learning_rate: float
+    """`alpha`, in units of parameter per unit of gradient of the objective."""
+    max_iterations: int = 500
+    tolerance: float = 1e-4
+    """Stop when the parameter vector moves by less than this (2-norm)."""
+
+    def run(
+        self,
+        problem: Problem,
+        data: Data,
+        base: Parameters,
+        values: Float[Array, "p"],
+        start: Iterate | Array,
+    ) -> tuple[Fit, Int[Array, ""]]:
+        """Descend from `values`; returns the last fit and the number of forward solves."""
+        low, high = (jnp.asarray(b) for b in problem.coordinates.bounds())
+        first = evaluate_fit(problem, data, base, jnp.clip(values, low, high), start)
+
+        def unfinished(state):  # type: ignore[no-untyped-def]
+            _, count, moved = state
+            return (moved > self.tolerance) & (count <= self.max_iterations)
+
+        def body(state):  # type: ignore[no-untyped-def]
+            fit, count, _ = state
+            gradient = 2.0 * fit.jacobian.T @ fit.residual
+            values = jnp.clip(fit.values - self.learning_rate * gradient, low, high)
+            trial = evaluate_fit(problem, data, base, values, fit.point)
+            moved = jnp.where(trial.success, jnp.linalg.norm(values - fit.values), 0.0)
+            chosen = jax.tree.map(lambda new, old: jnp.where(trial.success, new, old), trial, fit)
+            return chosen, count + 1, moved
+
+        moved = jnp.where(first.success, jnp.inf, 0.0)
+        fit, count, _ = jax.lax.while_loop(unfinished, body, (first, jnp.ones((), int), moved))
+        return fit, count

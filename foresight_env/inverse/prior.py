@@ -1,0 +1,52 @@
+"""Beliefs about parameters before the data, as quadratic terms of the objective."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from foresight_env.inverse.coordinates import Coordinates
+
+
+@dataclass(frozen=True)
+class Prior:
+    """`gamma_weight * ||gamma - gamma_center||^2` (paper, section VI-E), and a Gaussian on the rest.
+
+    `gamma_center` = 1 believes in farsighted players, 0 in short-sighted ones. `mean` and
+    `information` (p,), (p, p), over all free parameters in the order of `Estimate.names`, add a
+    Gaussian belief: an earlier estimate's `values` and the inverse of its `covariance`.
+    """
+
+    gamma_weight: float = 1e-3
+    gamma_center: float = 1.0
+    mean: tuple[float, ...] | None = None
+    information: tuple[tuple[float, ...], ...] | None = None
+
+
+def prior_terms(
+    prior: Prior, coordinates: Coordinates, values: Float[Array, "p"]
+) -> tuple[Float[Array, "p"], Float[Array, "q p"]]:
+    """One mean and a square root of the information that stand for all terms of the prior."""
+    count = values.shape[0]
+    weight = np.diag(np.where(coordinates.is_gamma, prior.gamma_weight, 0.0))
+    center = np.where(coordinates.is_gamma, prior.gamma_center, np.asarray(values))
+    if (prior.mean is None) != (prior.information is None):
+        raise ValueError("prior: mean and information belong together; give both or neither")
+    if prior.mean is None or prior.information is None:
+        return jnp.asarray(center), jnp.sqrt(jnp.asarray(weight))
+    mean, belief = np.asarray(prior.mean), np.asarray(prior.information)
+    if mean.shape != (count,) or belief.shape != (count, count):
+        raise ValueError(
+            f"prior: mean {mean.shape} and information {belief.shape}; expected ({count},) and "
+            f"({count}, {count})"
+        )
+    total = weight + belief
+    combined = np.linalg.lstsq(total, weight @ center + belief @ mean, rcond=None)[0]
+    spectrum, basis = np.linalg.eigh(0.5 * (total + total.T))
+    if spectrum[0] < -1e-9 * max(spectrum[-1], 1.0):
+        raise ValueError("prior.information: is not positive semidefinite")
+    root = np.sqrt(np.maximum(spectrum, 0.0))[:, None] * basis.T
+    return jnp.asarray(combined), jnp.asarray(root)
