@@ -46,13 +46,34 @@ class Equilibrium(NamedTuple):
 
 
 def _solve(layout: Layout, options: Options, parameters: Parameters, start: Iterate) -> Equilibrium:
-    point, ev, iterations = iterate(layout, parameters, start, options)
-    residual = ev.residual
-    violated = (residual.low, residual.high, residual.rows)
-    violation = jnp.max(jnp.stack([jnp.max(jnp.abs(v), initial=0.0) for v in violated]))
-    return Equilibrium(
-        point, ev.q, ev.error, ev.complementarity, violation, iterations, converged(ev, options)
-    )
+    """Attempts until one succeeds; the later ones start nudged (see `Options.attempts`)."""
+
+    def attempt(state):  # type: ignore[no-untyped-def]
+        number, begin, _, spent = state
+        exact_below = options.exact_below * 10.0**number
+        point, ev, iterations = iterate(layout, parameters, begin, options, exact_below)
+        violated = (ev.residual.low, ev.residual.high, ev.residual.rows)
+        violation = jnp.max(jnp.stack([jnp.max(jnp.abs(v), initial=0.0) for v in violated]))
+        spent += iterations
+        result = Equilibrium(
+            point, ev.q, ev.error, ev.complementarity, violation, spent, converged(ev, options)
+        )
+        # Incommensurable frequencies: no two agents are nudged alike, and runs repeat exactly.
+        phase = jnp.arange(start.u.size, dtype=start.u.dtype).reshape(start.u.shape)
+        u = start.u + 0.5 * (number + 1.0) * jnp.sin(1.0 + 2.4 * phase)
+        again = start_point(layout, parameters, rollout(layout, parameters.x0, u), u, options)
+        return number + 1, again, result, spent
+
+    def unsolved(state):  # type: ignore[no-untyped-def]
+        number, _, result, _ = state
+        return (number < options.attempts) & ~result.success
+
+    nothing = Equilibrium(
+        start, jnp.zeros_like(start.x), *jnp.full((3,), jnp.inf), jnp.zeros((), int),
+        jnp.zeros((), bool),
+    )  # fmt: skip
+    zero = jnp.zeros((), int)
+    return jax.lax.while_loop(unsolved, attempt, (zero, start, nothing, zero))[2]
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0, 1))

@@ -42,6 +42,9 @@ class Options:
     """Complementarity product of a cold start."""
     exact_below: float = 1e-2
     """Residual below which curvature of proximity terms and constraints is used exactly."""
+    attempts: int = 3
+    """A failed solve starts again this often, from controls nudged off any symmetry and with the
+    exact curvature used earlier."""
 
 
 class Residual(NamedTuple):
@@ -337,18 +340,22 @@ def average_product(masks: Masks, point: Iterate, penalty: Array) -> Scalar:
 
 
 def iterate(
-    layout: Layout, parameters: Parameters, start: Iterate, options: Options
+    layout: Layout,
+    parameters: Parameters,
+    start: Iterate,
+    options: Options,
+    exact_below: Scalar | float,
 ) -> tuple[Iterate, Evaluation, Int[Array, ""]]:
     """Run the method from `start`; the caller reads success off the evaluation's errors."""
     masks = masks_of(layout)
 
-    def convexity_at(ev: Evaluation) -> Scalar:
-        return jnp.where(ev.error < options.exact_below, 0.0, 1.0)
+    def convexity_at(loop: Loop) -> Scalar:
+        return jnp.where(loop.evaluation.error < exact_below, 0.0, 1.0)
 
     def body(loop: Loop) -> Loop:
         point, ev = loop.point, loop.evaluation
         penalty = ev.lin.penalty
-        convexity = convexity_at(ev)
+        convexity = convexity_at(loop)
         system = stage_system(layout, masks, point, ev, convexity)
         factor = factorise(system)
 
@@ -360,7 +367,10 @@ def iterate(
         average = average_product(masks, point, penalty)
         predicted = average_product(masks, advance(point, affine, primal, dual), penalty)
         sigma = jnp.clip(predicted / jnp.maximum(average, 1e-300), 0.0, 1.0) ** 3
-        barrier = jnp.maximum(sigma * average, options.barrier)
+        # Complementarity must not run ahead of stationarity: on a path too narrow to follow the
+        # curvature of the others' constraints, steps are cut to nothing.
+        wide = jnp.minimum(average, 1e-2 * ev.error)
+        barrier = jnp.maximum(jnp.maximum(sigma * average, wide), options.barrier)
         # At the end of the path plain Newton converges quadratically; the correction would not.
         second_order = jnp.where(average > 10.0 * options.barrier, 1.0, 0.0)
         step = solve(targets(masks, point, penalty, barrier, affine, second_order))

@@ -29,8 +29,9 @@ from foresight_env.equilibrium.solve import Solution, solve_joint
 from foresight_env.equilibrium.status import Status
 from foresight_env.equilibrium.validation import check_parameters
 from foresight_env.games.constraints import Inequality
-from foresight_env.games.costs import Composite, weight_value
+from foresight_env.games.costs import Composite
 from foresight_env.games.game import Game, Player
+from foresight_env.games.stage import stage_cost
 from foresight_env.games.types import Controls, Scalar, StageNumber, States, Theta
 from foresight_env.precision import to_double, to_numpy
 
@@ -137,19 +138,12 @@ def player_cost(
     layout: Layout, i: int, x: Float[Array, "T n"], u: Float[Array, "T m"], parameters: Parameters
 ) -> Scalar:
     """Player i's cost in current value at stage 1, `J^i / Gamma^i(1)`, elastic penalties included."""
-    player, theta = layout.game.players[i], parameters.theta[i]
     ratios = discount_ratios(layout, parameters.gamma)[:, i]
     weight = jnp.concatenate([jnp.ones(1), jnp.cumprod(ratios[1:])])
 
     def stage(t: Array, xt: Array, ut: Array) -> tuple[Scalar, Scalar]:
         xs, us = layout.split_states(xt), layout.split_controls(ut)
-        discounted = sum((c(i, t, xs, us, theta) for c in player.costs), jnp.zeros(()))
-        for c in player.inequalities:
-            if c.penalty is not None:
-                violation = jnp.maximum(-c.function(i, t, xs, us, theta), 0.0)
-                discounted += weight_value(c.penalty, theta) * jnp.sum(violation)
-        flat = sum((c(i, t, xs, us, theta) for c in player.undiscounted_costs), jnp.zeros(()))
-        return discounted, flat
+        return stage_cost(layout.game, i, t, xs, us, parameters.theta[i])
 
     discounted, flat = jax.vmap(stage)(jnp.arange(1, layout.game.horizon + 1), x, u)
     return jnp.sum(weight * discounted) + jnp.sum(flat) / ratios[0]

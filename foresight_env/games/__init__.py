@@ -21,6 +21,7 @@ from foresight_env.games.discounting import CustomDiscounting, Discounting, Expo
 from foresight_env.games.dynamics import DoubleIntegrator, Dynamics, KinematicBicycle
 from foresight_env.games.game import Game, Player
 from foresight_env.games.observations import ObservationModel, full_state, positions
+from foresight_env.games.stage import stage_cost
 
 __all__ = [
     "Bounds",
@@ -48,4 +49,5 @@ __all__ = [
     "TargetSpeed",
     "full_state",
     "positions",
+    "stage_cost",
 ]

@@ -26,6 +26,8 @@ from foresight_env.games.types import (
 )
 
 Limits = tuple[tuple[float, ...], ...]
+Limit = float | Sequence[float] | np.ndarray
+"""One side of a box: a number for all entries, one per entry, or one row per stage."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +41,7 @@ class Bounds:
     upper: Limits
 
     @staticmethod
-    def box(lower: float | Sequence[float], upper: float | Sequence[float], size: int) -> Bounds:
+    def box(lower: Limit, upper: Limit, size: int) -> Bounds:
         """Bounds from numbers, vectors (size,) or, for time-varying ones, arrays (T, size)."""
         rows = []
         for name, value in (("lower", lower), ("upper", upper)):
@@ -109,7 +111,7 @@ class KeepApart:
 
     def __call__(
         self, i: int, t: StageNumber, x: States, u: Controls, theta: Theta
-    ) -> Float[Array, "N-1"]:
+    ) -> Float[Array, "others"]:
         gaps = [jnp.sum((x[i][:2] - xj[:2]) ** 2) for j, xj in enumerate(x) if j != i]
         return jnp.stack(gaps) - weight_value(self.threshold, theta)
 

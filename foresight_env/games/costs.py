@@ -38,7 +38,7 @@ class Composite(Protocol):
     def outer(self, value: Float[Array, "r"], theta: Theta) -> Scalar: ...
 
 
-def distances(i: int, x: States) -> Float[Array, "N-1"]:
+def distances(i: int, x: States) -> Float[Array, "others"]:
     """Distances (m) from player `i` to every other player; states begin with the position."""
     others = [x[i][:2] - xj[:2] for j, xj in enumerate(x) if j != i]
     squared = jnp.stack([jnp.sum(d**2) for d in others])
@@ -77,10 +77,10 @@ class SquaredDistanceHinge:
 
     def inner(
         self, i: int, t: StageNumber, x: States, u: Controls, theta: Theta
-    ) -> Float[Array, "N-1"]:
+    ) -> Float[Array, "others"]:
         return weight_value(self.distance, theta) - distances(i, x)
 
-    def outer(self, value: Float[Array, "N-1"], theta: Theta) -> Scalar:
+    def outer(self, value: Float[Array, "others"], theta: Theta) -> Scalar:
         return weight_value(self.weight, theta) * jnp.sum(jnp.maximum(value, 0.0) ** 2)
 
     def __call__(self, i: int, t: StageNumber, x: States, u: Controls, theta: Theta) -> Scalar:

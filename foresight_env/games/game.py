@@ -1,8 +1,8 @@
 """A discounted dynamic game: players, horizon and shared constraints (paper, eq. 3).
 
 Player i minimises `sum_t Gamma^i(t; gamma^i) * sum_k cost_k(i, t, x_{t+1}, u_t; theta^i)` over its
-own controls, t = 1..T. Stage t charges control `u_t` and the state it leads to; `x_1` is given. Each
-player moves by its own dynamics; players meet in costs and constraints.
+own controls, t = 1..T. Stage t charges control `u_t` and the state it leads to; `x_1` is given.
+Each player moves by its own dynamics; players meet in costs and constraints.
 
 Games are hashable: two equal games share one compiled solver.
 """

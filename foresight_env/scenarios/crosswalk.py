@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -68,11 +68,27 @@ class ReferenceProximity:
         return self.outer(self.inner(i, t, x, u, theta), theta)
 
 
+def player_theta(
+    goal: Any,
+    *,
+    goal_weight: float = GOAL_WEIGHT,
+    control_weight: float = CONTROL_WEIGHT,
+    collision_weight: float = COLLISION_WEIGHT,
+) -> dict[str, Any]:
+    """One player's parameters: goal (2,) in metres and the weights of its three costs."""
+    return {
+        "goal": goal,
+        "goal_weight": goal_weight,
+        "control_weight": control_weight,
+        "collision_weight": collision_weight,
+    }
+
+
 @lru_cache(maxsize=64)
 def crosswalk_game(
     players: int = 2, horizon: int = HORIZON, proximity: Proximity = "soft", dt: float = DT
 ) -> Game:
-    """The game; `theta` of each player is `{"goal": (2,)}`.
+    """The game; `theta` of each player is as `player_theta` makes it.
 
     `proximity`: `"soft"`, the paper's `max(0, delta d_min - ||p_i - p_j||^2)` as a discounted cost;
     `"hard"`, the same as a constraint; `"reference"`, the reference implementation's squared hinge,
@@ -88,15 +104,15 @@ def crosswalk_game(
     shared: tuple[SharedInequality, ...] = ()
     threshold = MARGIN * MINIMUM_DISTANCE
     if players > 1 and proximity == "soft":
-        inequalities = (Inequality(KeepApart(threshold), players - 1, COLLISION_WEIGHT),)
+        inequalities = (Inequality(KeepApart(threshold), players - 1, "collision_weight"),)
     elif players > 1 and proximity == "hard":
         shared = (SharedInequality(KeepAllApart(threshold), players * (players - 1) // 2),)
     elif players > 1:
-        hinge = SquaredDistanceHinge(REFERENCE_DISTANCE, COLLISION_WEIGHT)
+        hinge = SquaredDistanceHinge(REFERENCE_DISTANCE, "collision_weight")
         undiscounted = (ReferenceProximity(horizon, hinge),)
     player = Player(
         DoubleIntegrator(dt),
-        (Goal(GOAL_WEIGHT), Effort(CONTROL_WEIGHT)),
+        (Goal("goal_weight"), Effort("control_weight")),
         undiscounted,
         state_bounds=Bounds.box(
             [-free, -free, -SPEED_LIMIT, -SPEED_LIMIT], [free, free, SPEED_LIMIT, SPEED_LIMIT], 4
@@ -115,9 +131,9 @@ class Setting(NamedTuple):
     gamma: Float[np.ndarray, "N"]
 
     @property
-    def theta(self) -> tuple[dict[str, Float[np.ndarray, "2"]], ...]:
-        """Parameters for `crosswalk_game`."""
-        return tuple({"goal": goal} for goal in self.goals)
+    def theta(self) -> tuple[dict[str, Any], ...]:
+        """Parameters for `crosswalk_game`, weights at their defaults."""
+        return tuple(player_theta(goal) for goal in self.goals)
 
 
 MONTE_CARLO = Setting(
@@ -133,3 +149,55 @@ HEATMAP = Setting(
     np.array([0.6, 0.6]),
 )
 """The paper's heatmap of the inverse problem's objective."""
+
+
+def nominal_setting(players: int) -> Setting:
+    """Where `players` agents (2 to 6) cross: the Monte Carlo setting, or evenly around a circle.
+
+    On the circle neighbours start at least 1.6 m apart and everybody's goal lies opposite.
+    """
+    if not 2 <= players <= 6:
+        raise ValueError(f"players: is {players}; a crosswalk has 2 to 6")
+    if players == 2:
+        return MONTE_CARLO
+    radius = max(np.sqrt(2.0), 0.8 / np.sin(np.pi / players))
+    angle = np.pi / 4 + 2.0 * np.pi * np.arange(players) / players
+    start = 1.0 + radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    states = np.concatenate([start, np.zeros((players, 2))], axis=1)
+    return Setting(states, 2.0 - start, np.full(players, 0.9))
+
+
+class Ranges(NamedTuple):
+    """From which ranges an episode's hidden parameters are drawn, uniformly."""
+
+    gamma: tuple[float, float] = (0.3, 1.0)
+    start: float = 0.1
+    """Largest shift of each start coordinate from its nominal place, m."""
+    goal: float = 0.3
+    """Largest shift of each goal coordinate, m."""
+    control_weight: tuple[float, float] = (CONTROL_WEIGHT, CONTROL_WEIGHT)
+    collision_weight: tuple[float, float] = (COLLISION_WEIGHT, COLLISION_WEIGHT)
+
+
+class Crossing(NamedTuple):
+    """One episode's hidden truth."""
+
+    initial_states: Float[np.ndarray, "N 4"]
+    theta: tuple[dict[str, Any], ...]
+    gamma: Float[np.ndarray, "N"]
+
+
+def draw_crossing(random: np.random.Generator, players: int, ranges: Ranges = Ranges()) -> Crossing:
+    """Draw initial states, goals, weights and discount factors around `nominal_setting`."""
+    nominal = nominal_setting(players)
+    states = nominal.initial_states.copy()
+    states[:, :2] += random.uniform(-ranges.start, ranges.start, (players, 2))
+    goals = nominal.goals + random.uniform(-ranges.goal, ranges.goal, (players, 2))
+    gamma = random.uniform(*ranges.gamma, players)
+    control = random.uniform(*ranges.control_weight, players)
+    collision = random.uniform(*ranges.collision_weight, players)
+    theta = tuple(
+        player_theta(goals[i], control_weight=control[i], collision_weight=collision[i])
+        for i in range(players)
+    )
+    return Crossing(states, theta, gamma)

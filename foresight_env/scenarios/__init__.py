@@ -1,0 +1,1 @@
+"""Scenarios: one module each, composing games with geometry and initial distributions."""
