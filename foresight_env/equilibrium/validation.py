@@ -79,7 +79,7 @@ def check_parameters(game: Game, x0: Any, theta: Sequence[Theta], gamma: Any) ->
 
 def _entry(name: str, value: Any) -> Any:
     """One entry of `theta`: arrays and nested PyTrees as they are, lists of numbers as arrays."""
-    if isinstance(value, (list, tuple)) and not is_traced(value):
+    if isinstance(value, (list, tuple)) and all(isinstance(v, (int, float)) for v in value):
         value = np.asarray(value, dtype=float)
     try:
         return jax.tree.map(

@@ -8,14 +8,14 @@ re-optimising that player alone.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import lru_cache, partial
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from foresight_env.equilibrium.best_response import best_response_game, best_response_theta
 from foresight_env.equilibrium.implicit import Equilibrium
 from foresight_env.equilibrium.interior_point import (
     Options,
@@ -28,11 +28,9 @@ from foresight_env.equilibrium.layout import Layout, layout_of
 from foresight_env.equilibrium.solve import Solution, solve_joint
 from foresight_env.equilibrium.status import Status
 from foresight_env.equilibrium.validation import check_parameters
-from foresight_env.games.constraints import Inequality
-from foresight_env.games.costs import Composite
-from foresight_env.games.game import Game, Player
+from foresight_env.games.game import Game
 from foresight_env.games.stage import stage_cost
-from foresight_env.games.types import Controls, Scalar, StageNumber, States, Theta
+from foresight_env.games.types import Scalar, Theta
 from foresight_env.precision import to_double, to_numpy
 
 
@@ -50,88 +48,6 @@ class Verification(NamedTuple):
     curvature: Float[Array, "N"]
     """Smallest eigenvalue of the player's Lagrangian Hessian on the free subspace, stages scaled to
     current value. Negative: a saddle, not a local equilibrium."""
-
-
-@dataclass(frozen=True)
-class _Alone:
-    """A cost or constraint of player `i` as seen with the other players' plans fixed.
-
-    The fixed plans travel in `theta` as `states` and `controls`, the player's own entries as `own`.
-    """
-
-    function: Any
-    player: int
-
-    def arguments(
-        self, t: StageNumber, x: States, u: Controls, theta: Theta
-    ) -> tuple[int, StageNumber, States, Controls, Theta]:
-        xs = [s[t - 1] for s in theta["states"]]
-        us = [c[t - 1] for c in theta["controls"]]
-        xs[self.player], us[self.player] = x[0], u[0]
-        return self.player, t, tuple(xs), tuple(us), theta["own"]
-
-    def __call__(self, i: int, t: StageNumber, x: States, u: Controls, theta: Theta) -> Array:
-        return jnp.asarray(self.function(*self.arguments(t, x, u, theta)))
-
-
-@dataclass(frozen=True)
-class _AloneComposite(_Alone):
-    def inner(self, i: int, t: StageNumber, x: States, u: Controls, theta: Theta) -> Array:
-        return self.function.inner(*self.arguments(t, x, u, theta))
-
-    def outer(self, value: Array, theta: Theta) -> Scalar:
-        return self.function.outer(value, theta["own"])
-
-
-@dataclass(frozen=True)
-class _SharedAlone(_Alone):
-    def __call__(self, i: int, t: StageNumber, x: States, u: Controls, theta: Theta) -> Array:
-        _, t, xs, us, _ = self.arguments(t, x, u, theta)
-        return jnp.asarray(self.function(t, xs, us, theta["all"]))
-
-
-@lru_cache(maxsize=256)
-def best_response_game(game: Game, i: int) -> Game:
-    """Player `i`'s own problem as a game of one; see `best_response_theta` for its parameters."""
-    player = game.players[i]
-
-    def alone(cost: Any) -> Any:
-        return (_AloneComposite if isinstance(cost, Composite) else _Alone)(cost, i)
-
-    inequalities = [replace(c, function=_Alone(c.function, i)) for c in player.inequalities]
-    for shared in game.shared:
-        if shared.players is None or i in shared.players:
-            inequalities.append(Inequality(_SharedAlone(shared.function, i), shared.size))
-    single = Player(
-        player.dynamics,
-        tuple(alone(c) for c in player.costs),
-        tuple(alone(c) for c in player.undiscounted_costs),
-        player.discounting,
-        player.state_bounds,
-        player.control_bounds,
-        tuple(inequalities),
-        tuple(replace(c, function=_Alone(c.function, i)) for c in player.equalities),
-        player.name,
-    )
-    return Game((single,), game.horizon, (), game.dt)
-
-
-def best_response_theta(
-    layout: Layout, i: int, thetas: tuple[Theta, ...], x: Array, u: Array
-) -> Theta:
-    """Parameters of `best_response_game`: own entries, everybody's plans, named penalties."""
-    prices = {
-        c.penalty: thetas[i][c.penalty]
-        for c in layout.game.players[i].inequalities
-        if isinstance(c.penalty, str)
-    }
-    return {
-        "own": thetas[i],
-        "all": thetas,
-        "states": tuple(x[:, s] for s in layout.state_slices),
-        "controls": tuple(u[:, s] for s in layout.control_slices),
-        **prices,
-    }
 
 
 def player_cost(

@@ -1,17 +1,26 @@
 """Inverse problem: from observations to discount factors and cost parameters."""
 
+from foresight_env.inverse.bound import CramerRao, cramer_rao
 from foresight_env.inverse.coordinates import Free
 from foresight_env.inverse.estimate import Estimate, MultiStart, estimate
 from foresight_env.inverse.gauss_newton import GaussNewton
 from foresight_env.inverse.gradient_descent import GradientDescent
+from foresight_env.inverse.initial import guess_initial_states
+from foresight_env.inverse.online import Drift, OnlineEstimator, OnlineState
 from foresight_env.inverse.prior import Prior
 
 __all__ = [
+    "CramerRao",
+    "Drift",
     "Estimate",
     "Free",
     "GaussNewton",
     "GradientDescent",
     "MultiStart",
+    "OnlineEstimator",
+    "OnlineState",
     "Prior",
+    "cramer_rao",
     "estimate",
+    "guess_initial_states",
 ]

@@ -12,8 +12,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from foresight_env.equilibrium.implicit import Equilibrium
-from foresight_env.equilibrium.interior_point import Options
+from foresight_env.equilibrium.implicit import Equilibrium, rollout
+from foresight_env.equilibrium.interior_point import Options, start_point
 from foresight_env.equilibrium.kkt import Iterate, Parameters
 from foresight_env.equilibrium.layout import Layout, layout_of
 from foresight_env.equilibrium.solve import Solution, to_solution
@@ -48,8 +48,8 @@ class Estimate(NamedTuple):
     """Laplace approximation: inverse of the Gauss-Newton information, prior included."""
     determined: Array
     """(p,) False where the data leave a parameter open; see `is_determined`."""
-    state_deviation: tuple[Float[Array, "T+1 _"], ...]
-    """Standard deviation of the trajectory that `covariance` implies, per player."""
+    state_jacobian: Float[Array, "T+1 n p"]
+    """Derivative of the joint trajectory by the free parameters."""
     status: Int[Array, ""]
     """`Status.SOLVED` when some start found a fit whose game was solved."""
     iterations: Int[Array, ""]
@@ -61,6 +61,14 @@ class Estimate(NamedTuple):
     def deviation(self) -> Float[Array, "p"]:
         """Standard deviation of each free parameter."""
         return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+
+    @property
+    def state_deviation(self) -> tuple[Float[Array, "T+1 _"], ...]:
+        """Standard deviation of the trajectory that `covariance` implies, per player."""
+        rates = self.state_jacobian
+        variance = np.einsum("tnp,pq,tnq->tn", rates, self.covariance, rates)
+        ends = np.cumsum([s.shape[1] for s in self.solution.states])[:-1]
+        return tuple(np.split(np.sqrt(np.maximum(variance, 0.0)), ends, axis=1))
 
     @property
     def gamma_deviation(self) -> Float[Array, "N"]:
@@ -172,7 +180,11 @@ def _run(
     starts: Float[Array, "S p"],
     guess: Iterate | None,
 ) -> tuple[Fit, Int[Array, ""], Float[Array, "S"]]:
-    begin = track(problem, data, base) if guess is None else guess
+    if guess is None:
+        u = track(problem, data, base)
+        x = rollout(problem.layout, base.x0, u)
+        guess = start_point(problem.layout, base, x, u, problem.options)
+    begin = guess
 
     def one(values: Array) -> tuple[Fit, Int[Array, ""]]:
         return method.run(problem, data, base, values, begin)
@@ -202,11 +214,9 @@ def _finish(problem: Problem, data: Data, base: Parameters, fit: Fit) -> tuple[A
     reduced = information * free[:, None] * free + jnp.diag(1.0 - free + floor)
     covariance = jnp.linalg.inv(reduced) * free[:, None] * free
     first, rest = trajectory_jacobian(problem, raw, base, fit.values)
-    rates = jnp.concatenate([first[:, None], rest], axis=1)
-    variance = jnp.einsum("ptn,pq,qtn->tn", rates, covariance, rates)
-    deviation = jnp.sqrt(jnp.maximum(variance, 0.0))
+    rates = jnp.moveaxis(jnp.concatenate([first[:, None], rest], axis=1), 0, 2)
     determined = is_determined(coordinates, from_data, fit.values)
-    return parameters, solution, covariance, determined, deviation
+    return parameters, solution, covariance, determined, rates
 
 
 def estimate(
@@ -264,7 +274,7 @@ def estimate(
         initial = starts.spread(coordinates, begin)
         point = None if guess is None else Iterate(*guess.point)
         fit, count, costs = _run(problem, method, data, parameters, initial, point)
-        found, solution, spread, determined, deviation = _finish(problem, data, parameters, fit)
+        found, solution, spread, determined, rates = _finish(problem, data, parameters, fit)
         status = jnp.where(fit.success, solution.status, Status.ITERATION_LIMIT)
         result = Estimate(
             found.theta,
@@ -276,7 +286,7 @@ def estimate(
             fit.values,
             spread,
             determined,
-            tuple(deviation[:, s] for s in layout.state_slices),
+            rates,
             status,
             count,
             costs,

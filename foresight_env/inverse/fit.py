@@ -75,7 +75,7 @@ def evaluate_fit(
     data: Data,
     base: Parameters,
     values: Float[Array, "p"],
-    start: Iterate | Array,
+    start: Iterate,
 ) -> Fit:
     """Solve the game at `values` (from `start`) and differentiate the residuals."""
     parameters = problem.coordinates.unpack(values, base)
@@ -85,6 +85,18 @@ def evaluate_fit(
     jacobian = residual_jacobian(problem, data, values, parameters.x0, result.point.x, rates)
     cost = jnp.where(result.success, jnp.sum(residual**2), jnp.inf)
     return Fit(values, cost, residual, jacobian, result.point, result.error, result.success)
+
+
+def unevaluated(
+    problem: Problem, data: Data, base: Parameters, values: Float[Array, "p"], start: Iterate
+) -> Fit:
+    """A fit of infinite cost at `start`, from which loops begin."""
+    shapes = jax.eval_shape(
+        lambda v, s: evaluate_fit(problem, data, base, v, s), values, start
+    )
+    blank = jax.tree.map(lambda v: jnp.zeros(v.shape, v.dtype), shapes)
+    infinite = jnp.asarray(jnp.inf)
+    return blank._replace(values=values, cost=infinite, error=infinite, point=start)
 
 
 def trajectory_jacobian(

@@ -15,7 +15,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from foresight_env.equilibrium.kkt import Iterate, Parameters
 from foresight_env.games.types import Scalar
-from foresight_env.inverse.fit import Data, Fit, Problem, evaluate_fit
+from foresight_env.inverse.fit import Data, Fit, Problem, evaluate_fit, unevaluated
 
 
 @dataclass(frozen=True)
@@ -34,35 +34,41 @@ class GaussNewton:
         data: Data,
         base: Parameters,
         values: Float[Array, "p"],
-        start: Iterate | Array,
+        start: Iterate,
     ) -> tuple[Fit, Int[Array, ""]]:
         """Improve `values`; returns the best fit and the number of forward solves."""
         low, high = (jnp.asarray(b) for b in problem.coordinates.bounds())
-        first = evaluate_fit(problem, data, base, jnp.clip(values, low, high), start)
 
         def unfinished(state: _State) -> Bool[Array, ""]:
             return ~state.done & (state.count <= self.max_iterations)
 
         def body(state: _State) -> _State:
             fit = state.fit
-            step = damped_step(fit, state.damping, low, high)
-            values = jnp.clip(fit.values + step, low, high)
-            trial = evaluate_fit(problem, data, base, values, fit.point)
+            trial = evaluate_fit(problem, data, base, state.trial, fit.point)
             better = trial.success & (trial.cost < fit.cost)
             gain = fit.cost - trial.cost
-            still = jnp.max(jnp.abs(values - fit.values)) <= self.step_tolerance
+            still = jnp.max(jnp.abs(state.trial - fit.values)) <= self.step_tolerance
             finished = still | (better & (gain <= self.cost_tolerance * fit.cost))
+            first = state.count == 0
+            finished = jnp.where(first, ~trial.success, finished)
             damping = jnp.where(better, jnp.maximum(state.damping * 0.2, 1e-9), state.damping * 6.0)
+            damping = jnp.where(first, state.damping, damping)
             chosen = jax.tree.map(lambda new, old: jnp.where(better, new, old), trial, fit)
-            return _State(chosen, damping, state.count + 1, finished)
+            step = damped_step(chosen, damping, low, high)
+            trial_values = jnp.clip(chosen.values + step, low, high)
+            return _State(chosen, trial_values, damping, state.count + 1, finished)
 
-        begin = _State(first, jnp.asarray(1e-2), jnp.ones((), int), ~first.success)
+        values = jnp.clip(values, low, high)
+        nothing = unevaluated(problem, data, base, values, start)
+        zero = jnp.zeros((), int)
+        begin = _State(nothing, values, jnp.asarray(1e-2), zero, jnp.zeros((), bool))
         end = jax.lax.while_loop(unfinished, body, begin)
         return end.fit, end.count
 
 
 class _State(NamedTuple):
     fit: Fit
+    trial: Float[Array, "p"]
     damping: Scalar
     count: Int[Array, ""]
     done: Bool[Array, ""]

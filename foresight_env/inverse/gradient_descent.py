@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from foresight_env.equilibrium.kkt import Iterate, Parameters
-from foresight_env.inverse.fit import Data, Fit, Problem, evaluate_fit
+from foresight_env.inverse.fit import Data, Fit, Problem, evaluate_fit, unevaluated
 
 
 @dataclass(frozen=True)
@@ -28,25 +28,26 @@ class GradientDescent:
         data: Data,
         base: Parameters,
         values: Float[Array, "p"],
-        start: Iterate | Array,
+        start: Iterate,
     ) -> tuple[Fit, Int[Array, ""]]:
         """Descend from `values`; returns the last fit and the number of forward solves."""
         low, high = (jnp.asarray(b) for b in problem.coordinates.bounds())
-        first = evaluate_fit(problem, data, base, jnp.clip(values, low, high), start)
+        values = jnp.clip(values, low, high)
 
         def unfinished(state):  # type: ignore[no-untyped-def]
-            _, count, moved = state
+            _, _, count, moved = state
             return (moved > self.tolerance) & (count <= self.max_iterations)
 
         def body(state):  # type: ignore[no-untyped-def]
-            fit, count, _ = state
-            gradient = 2.0 * fit.jacobian.T @ fit.residual
-            values = jnp.clip(fit.values - self.learning_rate * gradient, low, high)
+            fit, values, count, _ = state
             trial = evaluate_fit(problem, data, base, values, fit.point)
-            moved = jnp.where(trial.success, jnp.linalg.norm(values - fit.values), 0.0)
             chosen = jax.tree.map(lambda new, old: jnp.where(trial.success, new, old), trial, fit)
-            return chosen, count + 1, moved
+            gradient = 2.0 * trial.jacobian.T @ trial.residual
+            following = jnp.clip(values - self.learning_rate * gradient, low, high)
+            moved = jnp.where(trial.success, jnp.linalg.norm(following - values), 0.0)
+            return chosen, following, count + 1, moved
 
-        moved = jnp.where(first.success, jnp.inf, 0.0)
-        fit, count, _ = jax.lax.while_loop(unfinished, body, (first, jnp.ones((), int), moved))
+        nothing = unevaluated(problem, data, base, values, start)
+        begin = (nothing, values, jnp.zeros((), int), jnp.asarray(jnp.inf))
+        fit, _, count, _ = jax.lax.while_loop(unfinished, body, begin)
         return fit, count

@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 from foresight_env.inverse.coordinates import Coordinates
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Prior:
     """`gamma_weight * ||gamma - gamma_center||^2` (paper, section VI-E), and a Gaussian on the rest.
 
@@ -22,8 +22,11 @@ class Prior:
 
     gamma_weight: float = 1e-3
     gamma_center: float = 1.0
-    mean: tuple[float, ...] | None = None
-    information: tuple[tuple[float, ...], ...] | None = None
+    theta_deviation: tuple[tuple[str, float], ...] = ()
+    """Names of entries of `theta` with the standard deviation of a belief around the caller's
+    values, such as `(("goal", 3.0),)`."""
+    mean: Float[np.ndarray, "p"] | None = None
+    information: Float[np.ndarray, "p p"] | None = None
 
 
 def prior_terms(
@@ -31,7 +34,10 @@ def prior_terms(
 ) -> tuple[Float[Array, "p"], Float[Array, "q p"]]:
     """One mean and a square root of the information that stand for all terms of the prior."""
     count = values.shape[0]
-    weight = np.diag(np.where(coordinates.is_gamma, prior.gamma_weight, 0.0))
+    spread = dict(prior.theta_deviation)
+    entries = [name.split("[")[0].split(" ")[0] for name in coordinates.names]
+    believed = np.array([0.0 if e not in spread else spread[e] ** -2.0 for e in entries])
+    weight = np.diag(np.where(coordinates.is_gamma, prior.gamma_weight, believed))
     center = np.where(coordinates.is_gamma, prior.gamma_center, np.asarray(values))
     if (prior.mean is None) != (prior.information is None):
         raise ValueError("prior: mean and information belong together; give both or neither")

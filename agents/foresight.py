@@ -1,0 +1,120 @@
+"""The foresight ego: infers the others' goals and discount factors while it walks, and plans with them.
+
+With `infer_gamma=False` it is the baseline that takes everybody for farsighted (gamma = 1): the same
+estimator, observations and planner, one assumption more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from agents.constant_velocity import ConstantVelocity, ConstantVelocityMemory
+from agents.motion import fit_constant_velocity, player_positions
+from agents.planning import Plan, plan_equilibrium
+from agents.policy import Decision
+from foresight_env.envs.scene import Scene
+from foresight_env.inverse import Free, OnlineEstimator, OnlineState, Prior
+
+LEAST_VARIANCE = 1e-6
+"""Variance (m^2) that noise-free observations are given: equilibria are not exact models."""
+
+
+class ForesightMemory(NamedTuple):
+    """Estimator, what it knows, and the last plan."""
+
+    scene: Scene
+    ego: int
+    estimator: OnlineEstimator
+    state: OnlineState | None
+    plan: Plan | None
+    early: ConstantVelocityMemory
+    """What to do until there is an estimate."""
+
+
+@dataclass(frozen=True)
+class Foresight:
+    """Estimate, then play the equilibrium of the estimated game."""
+
+    name: str = "foresight"
+    infer_gamma: bool = True
+    window: int = 10
+    """Observations that each estimate uses."""
+    ahead: int = 15
+    """Stages after the window in the estimated game."""
+    prior: Prior = Prior(gamma_weight=4.0, gamma_center=1.0, theta_deviation=(("goal", 3.0),))
+    """Weak beliefs: discount factors 1 +- 0.5, goals within a few metres of the first guess."""
+
+    def init(self, scene: Scene, agent: str | int) -> ForesightMemory:
+        """See `EgoPolicy`."""
+        ego = scene.index(agent)
+        free = tuple(
+            Free((), False, True) if j == ego else Free(("goal",), self.infer_gamma, True)
+            for j in range(scene.players)
+        )
+        estimator = OnlineEstimator(
+            replace(scene.game, horizon=self.window - 1 + self.ahead),
+            scene.observation_model(ego),
+            free,
+            max(scene.noise_std**2, LEAST_VARIANCE),
+            self.window,
+            self.prior,
+        )
+        return ForesightMemory(
+            scene, ego, estimator, None, None, ConstantVelocity().init(scene, agent)
+        )
+
+    def update(
+        self,
+        memory: ForesightMemory,
+        observation: Float[np.ndarray, "size"],
+        info: Mapping[str, Any],
+    ) -> ForesightMemory:
+        """See `EgoPolicy`."""
+        seen = np.asarray(observation[:-2], dtype=float)
+        state = memory.state
+        if state is None:
+            state = memory.estimator.init(*self._first_guess(memory.scene, memory.ego, seen))
+        early = ConstantVelocity().update(memory.early, observation, info)
+        return memory._replace(state=memory.estimator.update(state, seen), early=early)
+
+    def _first_guess(
+        self, scene: Scene, ego: int, seen: Float[np.ndarray, "size"]
+    ) -> tuple[list[dict[str, Any]], Float[np.ndarray, "N"]]:
+        """Own parameters as they are; others have the own weights and wish to stay where they are."""
+        own = scene.own(ego)
+        model = scene.observation_model(ego)
+        theta, gamma = [], np.ones(scene.players)
+        for j in range(scene.players):
+            place, _ = fit_constant_velocity(player_positions(model, seen[None], j), scene.dt)
+            theta.append(own.theta if j == ego else {**own.theta, "goal": place})
+        gamma[ego] = own.gamma
+        if self.infer_gamma:
+            gamma[np.arange(scene.players) != ego] = 0.8
+        return theta, gamma
+
+    def act(self, memory: ForesightMemory) -> tuple[Decision, ForesightMemory]:
+        """See `EgoPolicy`."""
+        scene, ego, state = memory.scene, memory.ego, memory.state
+        if state is None or state.estimate is None:
+            decision, early = ConstantVelocity().act(memory.early)
+            return replace(decision, predicted={}), memory._replace(early=early)
+        found = state.estimate
+        now = [s[state.stage] for s in found.solution.states]
+        spread = found.gamma_deviation
+        gammas = {
+            j: (float(found.gamma[j]), float(spread[j])) for j in range(scene.players) if j != ego
+        }
+        decision, plan = plan_equilibrium(
+            scene, ego, now, found.theta, found.gamma, memory.plan, gammas
+        )
+        return decision, memory._replace(plan=plan)
+
+
+def farsighted() -> Foresight:
+    """The gamma = 1 baseline."""
+    return Foresight("farsighted", infer_gamma=False)

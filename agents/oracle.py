@@ -1,0 +1,53 @@
+"""The oracle ego: true states and everybody's true parameters. An upper bound, not a competitor."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from agents.planning import Plan, plan_equilibrium
+from agents.policy import Decision
+from foresight_env.envs.scene import Scene
+
+
+class OracleMemory(NamedTuple):
+    """The latest truth."""
+
+    scene: Scene
+    ego: int
+    info: Mapping[str, Any]
+    plan: Plan | None
+
+
+@dataclass(frozen=True)
+class Oracle:
+    """Plays the equilibrium of the true game."""
+
+    name: str = "oracle"
+
+    def init(self, scene: Scene, agent: str | int) -> OracleMemory:
+        """See `EgoPolicy`."""
+        return OracleMemory(scene, scene.index(agent), {}, None)
+
+    def update(
+        self, memory: OracleMemory, observation: Float[np.ndarray, "size"], info: Mapping[str, Any]
+    ) -> OracleMemory:
+        """See `EgoPolicy`."""
+        return memory._replace(info=info)
+
+    def act(self, memory: OracleMemory) -> tuple[Decision, OracleMemory]:
+        """See `EgoPolicy`."""
+        info, scene = memory.info, memory.scene
+        theta = [
+            {name: np.asarray(values)[j] for name, values in info["theta"].items()}
+            for j in range(scene.players)
+        ]
+        gammas = {j: (float(g), 0.0) for j, g in enumerate(info["gamma"]) if j != memory.ego}
+        decision, plan = plan_equilibrium(
+            scene, memory.ego, list(info["state"]), theta, info["gamma"], memory.plan, gammas
+        )
+        return decision, memory._replace(plan=plan)

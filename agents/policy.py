@@ -1,0 +1,60 @@
+"""Ego policies: explicit state, three functions.
+
+    memory = policy.init(scene, agent)
+    memory = policy.update(memory, observation, info)   # once per step, before acting
+    decision, memory = policy.act(memory)               # decision.action goes to env.step
+
+A policy is a setting without state of its own; everything that changes is in `memory`, so one policy
+may drive several agents. Observations and actions are NumPy arrays as the environment defines them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Protocol, TypeVar
+
+import numpy as np
+from jaxtyping import Float
+
+from foresight_env.envs.scene import Scene
+
+Memory = TypeVar("Memory")
+
+
+@dataclass(frozen=True)
+class Decision:
+    """An action, and what the policy thought when it chose it."""
+
+    action: Float[np.ndarray, "m"]
+    planned: Float[np.ndarray, "K 2"] | None = None
+    """Own positions that the plan passes, m."""
+    predicted: Mapping[int, Float[np.ndarray, "K 2"]] = field(default_factory=dict)
+    """Others' predicted positions by player, m."""
+    gammas: Mapping[int, tuple[float, float]] = field(default_factory=dict)
+    """Inferred discount factors by player: mean and standard deviation."""
+    failed: bool = False
+    """Whether a solve failed and the action is a fallback: the last plan continued, or braking."""
+
+
+class EgoPolicy(Protocol[Memory]):
+    """What drives a controlled agent."""
+
+    @property
+    def name(self) -> str:
+        """Name in tables and on the command line."""
+        ...
+
+    def init(self, scene: Scene, agent: str | int) -> Memory:
+        """Memory at the start of an episode."""
+        ...
+
+    def update(
+        self, memory: Memory, observation: Float[np.ndarray, "size"], info: Mapping[str, Any]
+    ) -> Memory:
+        """Take in the latest observation; only an oracle may look at the truth in `info`."""
+        ...
+
+    def act(self, memory: Memory) -> tuple[Decision, Memory]:
+        """Choose an action."""
+        ...

@@ -1,0 +1,93 @@
+"""The Cramer-Rao bound: how well any unbiased estimator could do."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from foresight_env.equilibrium.interior_point import Options
+from foresight_env.equilibrium.kkt import Parameters
+from foresight_env.equilibrium.layout import layout_of
+from foresight_env.equilibrium.solve import solve_joint
+from foresight_env.equilibrium.status import SolveError, Status
+from foresight_env.equilibrium.validation import check_parameters
+from foresight_env.games.game import Game
+from foresight_env.games.observations import ObservationModel
+from foresight_env.games.types import Theta
+from foresight_env.inverse.coordinates import Coordinates, Free
+from foresight_env.inverse.fit import Problem, predicted, trajectory_jacobian
+from foresight_env.precision import to_numpy
+
+
+class CramerRao(NamedTuple):
+    """Bounds at the true parameters for noise of variance 1 on every observed entry."""
+
+    covariance: Float[Array, "p p"]
+    """Of the free parameters; multiply by the noise variance."""
+    trajectory: Float[Array, ""]
+    """Of the trajectory error `E||X_hat - X||^2` over all stages and state entries."""
+    names: tuple[str, ...]
+
+
+@partial(jax.jit, static_argnums=(0, 1))
+def _jacobians(
+    problem: Problem, count: int, parameters: Parameters
+) -> tuple[Array, Array, Array, Array]:
+    values = problem.coordinates.pack(parameters)
+    result = solve_joint(problem.layout, problem.options, parameters, None)
+    first, rest = trajectory_jacobian(problem, result, parameters, values)
+
+    def along(dx0: Array, dx: Array) -> Array:
+        return jax.jvp(
+            lambda a, b: predicted(problem, a, b, count),
+            (parameters.x0, result.point.x),
+            (dx0, dx),
+        )[1].ravel()
+
+    seen = jax.vmap(along)(first, rest)
+    states = jnp.concatenate([first[:, None], rest], axis=1)
+    return seen.T, states.reshape(states.shape[0], -1).T, result.success, result.error
+
+
+def cramer_rao(
+    game: Game,
+    model: ObservationModel,
+    *,
+    initial_state: Any,
+    theta: Sequence[Theta],
+    gamma: Any,
+    free: Free | Sequence[Free] = Free(),
+    count: int | None = None,
+    options: Options = Options(),
+) -> CramerRao:
+    """Cramer-Rao bound from the exact Jacobian of the equilibrium at the true parameters.
+
+    `count` observations `h(x_1), ..., h(x_count)` (default: all T + 1) with independent noise of
+    variance 1 on every entry. Directions that the observations do not touch do not count in
+    `trajectory` unless the trajectory itself depends on them; it is then infinite.
+
+    Raises `SolveError` when the game is not solved.
+    """
+    layout = layout_of(game)
+    parameters = check_parameters(game, initial_state, theta, gamma)
+    coordinates = Coordinates.of(layout, free, parameters)
+    problem = Problem(layout, coordinates, model, options)
+    with jax.enable_x64(True):
+        seen, states, success, error = to_numpy(
+            _jacobians(problem, count or game.horizon + 1, parameters)
+        )
+    if not success:
+        raise SolveError(Status.ITERATION_LIMIT, float(error))
+    spectrum, basis = np.linalg.eigh(seen.T @ seen)
+    blind = spectrum <= 1e-12 * spectrum[-1]
+    inverse = np.where(blind, 0.0, 1.0 / np.where(blind, 1.0, spectrum))
+    covariance = (basis * inverse) @ basis.T
+    leak = np.linalg.norm(states @ basis[:, blind]) > 1e-6 * np.linalg.norm(states)
+    trajectory = np.inf if leak else float(np.trace(states @ covariance @ states.T))
+    return CramerRao(covariance, np.asarray(trajectory), coordinates.names)

@@ -1,0 +1,46 @@
+"""A first guess of the state from the first observations, for starting an estimate."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+
+from foresight_env.games.dynamics import KinematicBicycle
+from foresight_env.games.game import Game
+from foresight_env.games.observations import ObservationModel
+
+
+def guess_initial_states(
+    game: Game, model: ObservationModel, observations: Float[np.ndarray, "K size"]
+) -> tuple[Float[np.ndarray, "_"], ...]:
+    """Per-player `x_1` from observations whose entries are the leading ones of each player's state.
+
+    Entries that are not observed come from the positions: velocities (double integrator) or speed
+    and heading (bicycle) by the mean displacement over the first half of the window. Missing
+    observations are NaN; an agent that was never seen raises `ValueError`. Guesses lie inside the
+    state bounds.
+    """
+    owners = np.array([-1 if o is None else o for o in model.owners])
+    states = []
+    for i, player in enumerate(game.players):
+        mine = observations[:, owners == i]
+        seen = np.flatnonzero(~np.isnan(mine).any(axis=1)) if mine.shape[1] >= 2 else np.array([])
+        if seen.size == 0:
+            raise ValueError(f"observations: player {i} was never seen; leave it out of the game")
+        first = int(seen[0])
+        state = np.zeros(player.dynamics.state_size)
+        width = min(mine.shape[1], state.size)
+        state[:width] = mine[first, :width]
+        last = int(seen[min(len(seen) - 1, max(1, len(seen) // 2))])
+        if width == 2 and last > first:
+            velocity = (mine[last, :2] - mine[first, :2]) / (game.dt * (last - first))
+            if isinstance(player.dynamics, KinematicBicycle):
+                state[2:4] = np.hypot(*velocity), np.arctan2(velocity[1], velocity[0])
+            else:
+                state[2:4] = velocity
+        if first > 0 and not isinstance(player.dynamics, KinematicBicycle):
+            state[:2] -= game.dt * first * state[2:4]
+        if player.state_bounds is not None:
+            state = np.clip(state, player.state_bounds.lower[0], player.state_bounds.upper[0])
+        states.append(state)
+    return tuple(states)

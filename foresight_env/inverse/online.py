@@ -1,0 +1,193 @@
+"""Estimation on the way: a window of recent observations and what earlier ones taught.
+
+Each update fits the game to the last `window` observations. Everything before the window enters as an
+arrival cost: the posterior of the fit whose window ended where the present one begins, with its state
+carried to that stage, widened by `Drift`. So no observation is counted twice, and parameters may
+change.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from foresight_env.equilibrium.interior_point import Options
+from foresight_env.equilibrium.solve import Solution, shift
+from foresight_env.equilibrium.status import Status
+from foresight_env.games.game import Game
+from foresight_env.games.observations import ObservationModel
+from foresight_env.games.types import Theta
+from foresight_env.inverse.coordinates import Free
+from foresight_env.inverse.estimate import Estimate, MultiStart, estimate
+from foresight_env.inverse.gauss_newton import GaussNewton
+from foresight_env.inverse.initial import guess_initial_states
+from foresight_env.inverse.prior import Prior
+
+
+class Drift(NamedTuple):
+    """Standard deviations by which beliefs widen over one window."""
+
+    gamma: float = 0.05
+    theta: float = 0.1
+    """In each parameter's own unit (goals: m)."""
+    state: float = 0.05
+    """Of every state entry: how well the game describes what agents do (m, m/s)."""
+
+
+class Belief(NamedTuple):
+    """Gaussian over the free parameters, initial states moved to the end of their window."""
+
+    mean: Float[np.ndarray, "p"]
+    covariance: Float[np.ndarray, "p p"]
+    widening: Float[np.ndarray, "p"]
+    """Standard deviations that `Drift` adds until it is used."""
+
+
+class OnlineState(NamedTuple):
+    """What the estimator remembers."""
+
+    observations: tuple[Float[np.ndarray, "size"], ...]
+    beliefs: tuple[Belief, ...]
+    """Beliefs of the last updates, oldest first."""
+    estimate: Estimate | None
+    """The last estimate that could be used; its stage 1 is the window's first observation."""
+    guess: Solution | None
+    theta: tuple[Theta, ...]
+    gamma: Float[np.ndarray, "N"]
+    failures: int
+    """Updates that found no usable fit and kept the previous estimate."""
+
+    @property
+    def stage(self) -> int:
+        """Index of the present in `estimate.solution.states` (0 is the window's first stage)."""
+        return len(self.observations) - 1
+
+
+@dataclass(frozen=True, eq=False)
+class OnlineEstimator:
+    """Settings; all that changes travels in `OnlineState`.
+
+    `game` has the horizon `window - 1` plus what is to be predicted. `free` must free the initial
+    states. The first updates, with little data, and updates after a failure use several starts.
+    """
+
+    game: Game
+    model: ObservationModel
+    free: Sequence[Free]
+    covariance: float
+    """Variance of the observation noise."""
+    window: int = 10
+    prior: Prior = Prior()
+    drift: Drift = Drift()
+    starts: int = 4
+    careful_updates: int = 4
+    """Updates at the beginning that use several starts."""
+    options: Options = Options()
+    method: GaussNewton = GaussNewton(max_iterations=12, cost_tolerance=1e-4)
+
+    def init(self, theta: Sequence[Theta], gamma: Any) -> OnlineState:
+        """Nothing seen yet; `theta` and `gamma` are fixed values or first guesses."""
+        if not all(f.initial_state for f in self.free):
+            raise ValueError("free: an online estimator needs every player's initial state free")
+        if self.game.horizon < self.window:
+            raise ValueError(
+                f"game: has horizon {self.game.horizon}; expected at least the window, {self.window}"
+            )
+        discounts = np.broadcast_to(np.asarray(gamma, float), (len(self.game.players),)).copy()
+        return OnlineState((), (), None, None, tuple(theta), discounts, 0)
+
+    def update(self, state: OnlineState, observation: Float[np.ndarray, "size"]) -> OnlineState:
+        """Take one observation (NaN where missing); never worse than keeping the last estimate."""
+        sliding = len(state.observations) == self.window
+        observations = (*state.observations, np.asarray(observation, float))[-self.window :]
+        state = state._replace(observations=observations)
+        if len(observations) < 2:
+            return state
+        padded = np.full((self.window, self.model.size), np.nan)
+        padded[: len(observations)] = np.stack(observations)
+        try:
+            initial = self._initial_state(state, sliding, padded)
+        except ValueError:  # an agent that nobody has seen yet: wait
+            return state._replace(failures=state.failures + 1)
+        guess = state.guess
+        if guess is not None and sliding:
+            guess = shift(guess)
+        careful = state.estimate is None or len(observations) < self.careful_updates + 2
+        found = estimate(
+            self.game,
+            padded,
+            self.model,
+            initial_state=initial,
+            theta=state.theta,
+            gamma=state.gamma,
+            free=self.free,
+            covariance=self.covariance,
+            prior=self._prior(state, sliding),
+            method=self.method,
+            starts=MultiStart(self.starts if careful else 1),
+            guess=guess,
+            options=self.options,
+        )
+        if int(found.status) != Status.SOLVED or not np.isfinite(found.covariance).all():
+            return self._keep(state, sliding)
+        beliefs = (*state.beliefs, self._belief(found, len(observations)))[-self.window :]
+        return state._replace(
+            estimate=found,
+            guess=found.solution,
+            theta=found.theta,
+            gamma=found.gamma,
+            beliefs=beliefs,
+        )
+
+    def _keep(self, state: OnlineState, sliding: bool) -> OnlineState:
+        """The old estimate, moved along when the window has moved."""
+        old = state.estimate
+        if old is not None and sliding:
+            moved = shift(old.solution)
+            old = old._replace(
+                solution=moved, initial_state=tuple(s[0] for s in moved.states)
+            )
+        beliefs = state.beliefs[1:] if sliding else state.beliefs
+        return state._replace(
+            estimate=old, guess=None, beliefs=beliefs, failures=state.failures + 1
+        )
+
+    def _initial_state(
+        self, state: OnlineState, sliding: bool, padded: Float[np.ndarray, "W size"]
+    ) -> tuple[Float[np.ndarray, "_"], ...]:
+        if state.estimate is None:
+            return guess_initial_states(self.game, self.model, padded)
+        moved = state.estimate.solution.states
+        states = [s[1 if sliding else 0] for s in moved]
+        bounded = []
+        for player, s in zip(self.game.players, states, strict=True):
+            box = player.state_bounds
+            bounded.append(s if box is None else np.clip(s, box.lower[0], box.upper[0]))
+        return tuple(bounded)
+
+    def _prior(self, state: OnlineState, sliding: bool) -> Prior:
+        """The arrival cost once the window moves: the belief of one window ago."""
+        if not sliding or len(state.beliefs) < self.window - 1:
+            return self.prior
+        belief = state.beliefs[-(self.window - 1)]
+        information = np.linalg.inv(belief.covariance + np.diag(belief.widening**2))
+        information = 0.5 * (information + information.T)
+        # The belief already contains the first prior; it is not counted again.
+        return Prior(gamma_weight=0.0, mean=belief.mean, information=information)
+
+    def _belief(self, found: Estimate, stage: int) -> Belief:
+        """The posterior with its initial states carried to the window's last observed stage."""
+        is_state = np.array([name.startswith("x0[") for name in found.names])
+        carry = np.eye(len(found.names))
+        carry[is_state] = found.state_jacobian[stage - 1]
+        mean = found.values.copy()
+        mean[is_state] = np.concatenate([s[stage - 1] for s in found.solution.states])
+        return Belief(mean, carry @ found.covariance @ carry.T, self._widening(found.names))
+
+    def _widening(self, names: Sequence[str]) -> Float[np.ndarray, "p"]:
+        kinds = {"gamma": self.drift.gamma, "x0": self.drift.state}
+        return np.array([kinds.get(n.split(" ")[0].split("[")[0], self.drift.theta) for n in names])
