@@ -108,28 +108,40 @@ def to_solution(layout: Layout, raw: Equilibrium, parameters: Parameters) -> Sol
     )
 
 
+def begin(
+    layout: Layout, options: Options, parameters: Parameters, start: Iterate | Array | None
+) -> Iterate:
+    """Where a solve starts: cold (None), controls (T, m), or an iterate of a similar game (warm)."""
+    if start is None:
+        return cold_start(layout, options, parameters)
+    if isinstance(start, Iterate):
+        return warm_start(layout, parameters, start, options)
+    states = rollout(layout, parameters.x0, start)
+    return start_point(layout, parameters, states, start, options)
+
+
+# Starts are compiled apart from the solve, so that cold and warm ones share its one program.
+_begin_jit = jax.jit(begin, static_argnums=(0, 1))
+
+
 def solve_joint(
     layout: Layout, options: Options, parameters: Parameters, start: Iterate | Array | None
 ) -> Equilibrium:
-    """Solve on joint arrays, double precision taken for granted: the part that others compose.
-
-    `start`: None (cold), controls (T, m), or an iterate of a similar game (warm).
-    """
-    if start is None:
-        begin = cold_start(layout, options, parameters)
-    elif isinstance(start, Iterate):
-        begin = warm_start(layout, parameters, start, options)
-    else:
-        states = rollout(layout, parameters.x0, start)
-        begin = start_point(layout, parameters, states, start, options)
-    return equilibrium(layout, options, parameters, begin)
+    """Solve on joint arrays, double precision taken for granted: the part that others compose."""
+    return equilibrium(layout, options, parameters, begin(layout, options, parameters, start))
 
 
 @partial(jax.jit, static_argnums=(0, 1))
 def _solve_jit(
+    layout: Layout, options: Options, parameters: Parameters, first: Iterate
+) -> Solution:
+    return to_solution(layout, equilibrium(layout, options, parameters, first), parameters)
+
+
+def _solve_from(
     layout: Layout, options: Options, parameters: Parameters, start: Iterate | Array | None
 ) -> Solution:
-    return to_solution(layout, solve_joint(layout, options, parameters, start), parameters)
+    return _solve_jit(layout, options, parameters, _begin_jit(layout, options, parameters, start))
 
 
 WARM_BARRIER = 1e-4
@@ -214,14 +226,14 @@ def solve(
     start = _check_guess(layout, guess)
     if not is_traced(parameters, start):
         with jax.enable_x64(True):
-            result: Solution = to_numpy(_solve_jit(layout, options, parameters, start))
+            result: Solution = to_numpy(_solve_from(layout, options, parameters, start))
         if throw and int(result.status) != Status.SOLVED:
             raise SolveError(Status(int(result.status)), float(result.residual))
         return result
     start = jax.tree.map(jax.lax.stop_gradient, start)
     if jax.config.jax_enable_x64:
-        return _solve_jit(layout, options, to_double(parameters), to_double(start))
-    return call_in_double(lambda p: _solve_jit(layout, options, *p), (parameters, start))
+        return _solve_from(layout, options, to_double(parameters), to_double(start))
+    return call_in_double(lambda p: _solve_from(layout, options, *p), (parameters, start))
 
 
 def _check_guess(layout: Layout, guess: Any) -> Iterate | Array | None:

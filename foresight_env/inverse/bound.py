@@ -76,7 +76,7 @@ def cramer_rao(
     """
     layout = layout_of(game)
     parameters = check_parameters(game, initial_state, theta, gamma)
-    coordinates = Coordinates.of(layout, free, parameters)
+    coordinates, chosen = Coordinates.of(layout, free, parameters)
     problem = Problem(layout, coordinates, model, options)
     with jax.enable_x64(True):
         seen, states, success, error = to_numpy(
@@ -84,10 +84,12 @@ def cramer_rao(
         )
     if not success:
         raise SolveError(Status.ITERATION_LIMIT, float(error))
+    seen, states = seen[:, chosen], states[:, chosen]
     spectrum, basis = np.linalg.eigh(seen.T @ seen)
     blind = spectrum <= 1e-12 * spectrum[-1]
     inverse = np.where(blind, 0.0, 1.0 / np.where(blind, 1.0, spectrum))
     covariance = (basis * inverse) @ basis.T
     leak = np.linalg.norm(states @ basis[:, blind]) > 1e-6 * np.linalg.norm(states)
     trajectory = np.inf if leak else float(np.trace(states @ covariance @ states.T))
-    return CramerRao(covariance, np.asarray(trajectory), coordinates.names)
+    names = tuple(n for n, is_free in zip(coordinates.names, chosen, strict=True) if is_free)
+    return CramerRao(covariance, np.asarray(trajectory), names)

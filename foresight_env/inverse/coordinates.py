@@ -29,21 +29,25 @@ class Free:
 
 @dataclass(frozen=True)
 class Coordinates:
-    """The free entries of `Parameters`, in order: per player `theta`, `gamma`, initial state."""
+    """All parameters that may be estimated, as one vector: per player `theta`, gamma, `x_1`.
+
+    Which of them *are* estimated is a mask, known only at run time: the same compiled program serves
+    the ego's estimator, the gamma = 1 baseline and a known initial state.
+    """
 
     layout: Layout
-    free: tuple[Free, ...]
     sizes: tuple[tuple[tuple[str, tuple[int, ...]], ...], ...]
-    """Per player, names and shapes of its free entries of `theta`."""
+    """Per player, names and shapes of its entries of `theta`."""
 
     @staticmethod
-    def of(layout: Layout, free: Free | Sequence[Free], parameters: Parameters) -> Coordinates:
-        """Check `free` against the game and its parameters."""
+    def of(
+        layout: Layout, free: Free | Sequence[Free], parameters: Parameters
+    ) -> tuple[Coordinates, np.ndarray]:
+        """The coordinates and the mask (p,) of free ones; checks `free` against the game."""
         count = len(layout.game.players)
         each = (free,) * count if isinstance(free, Free) else tuple(free)
         if len(each) != count:
             raise ValueError(f"free: has {len(each)} entries; expected one per player, {count}")
-        sizes = []
         for i, f in enumerate(each):
             for name in f.theta:
                 if name not in parameters.theta[i]:
@@ -51,52 +55,51 @@ class Coordinates:
                         f"free[{i}].theta: names {name!r}; player {i} has "
                         f"{sorted(parameters.theta[i])}"
                     )
-            sizes.append(tuple((n, tuple(np.shape(parameters.theta[i][n]))) for n in f.theta))
-        return Coordinates(layout, each, tuple(sizes))
+        named = sorted({name for f in each for name in f.theta})
+        sizes = tuple(
+            tuple((name, tuple(np.shape(theta[name]))) for name in named if name in theta)
+            for theta in parameters.theta
+        )
+        mask: list[bool] = []
+        for i, f in enumerate(each):
+            for name, shape in sizes[i]:
+                mask += [name in f.theta] * _size(shape)
+            mask += [f.gamma] + [f.initial_state] * layout.game.state_sizes[i]
+        return Coordinates(layout, sizes), np.array(mask, dtype=bool)
 
     def pack(self, parameters: Parameters) -> Float[Array, "p"]:
-        """The free entries of `parameters`."""
+        """The entries of `parameters` in order."""
         parts = [jnp.zeros(0)]
-        for i, f in enumerate(self.free):
-            parts += [jnp.ravel(parameters.theta[i][name]) for name in f.theta]
-            if f.gamma:
-                parts.append(parameters.gamma[i : i + 1])
-            if f.initial_state:
-                parts.append(parameters.x0[self.layout.state_slices[i]])
+        for i, names in enumerate(self.sizes):
+            parts += [jnp.ravel(jnp.asarray(parameters.theta[i][name])) for name, _ in names]
+            parts += [parameters.gamma[i : i + 1], parameters.x0[self.layout.state_slices[i]]]
         return jnp.concatenate(parts)
 
     def unpack(self, values: Float[Array, "p"], parameters: Parameters) -> Parameters:
-        """`parameters` with its free entries replaced."""
+        """`parameters` with these entries replaced."""
         theta = [dict(t) for t in parameters.theta]
-        gamma, x0 = jnp.asarray(parameters.gamma), jnp.asarray(parameters.x0)
+        gammas, states = [], []
         at = 0
-        for i, f in enumerate(self.free):
-            for name, shape in self.sizes[i]:
-                size = int(np.prod(shape, dtype=int))
-                theta[i][name] = values[at : at + size].reshape(shape)
-                at += size
-            if f.gamma:
-                gamma = gamma.at[i].set(values[at])
-                at += 1
-            if f.initial_state:
-                where = self.layout.state_slices[i]
-                size = where.stop - where.start
-                x0 = x0.at[where].set(values[at : at + size])
-                at += size
-        return Parameters(x0, tuple(theta), gamma)
+        for i, names in enumerate(self.sizes):
+            for name, shape in names:
+                theta[i][name] = values[at : at + _size(shape)].reshape(shape)
+                at += _size(shape)
+            gammas.append(values[at])
+            size = self.layout.game.state_sizes[i]
+            states.append(values[at + 1 : at + 1 + size])
+            at += 1 + size
+        return Parameters(jnp.concatenate(states), tuple(theta), jnp.stack(gammas))
 
     @property
     def names(self) -> tuple[str, ...]:
         """One name per entry, such as `goal[0] of 1`, `gamma of 0`, `x0[2] of 1`."""
         out: list[str] = []
-        for i, f in enumerate(self.free):
-            for name, shape in self.sizes[i]:
-                size = int(np.prod(shape, dtype=int))
-                out += [f"{name}[{k}] of {i}" if shape else f"{name} of {i}" for k in range(size)]
-            if f.gamma:
-                out.append(f"gamma of {i}")
-            if f.initial_state:
-                out += [f"x0[{k}] of {i}" for k in range(self.layout.game.state_sizes[i])]
+        for i, names in enumerate(self.sizes):
+            for name, shape in names:
+                many = [f"{name}[{k}] of {i}" for k in range(_size(shape))]
+                out += many if shape else [f"{name} of {i}"]
+            out.append(f"gamma of {i}")
+            out += [f"x0[{k}] of {i}" for k in range(self.layout.game.state_sizes[i])]
         return tuple(out)
 
     @property
@@ -106,17 +109,14 @@ class Coordinates:
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """(p,) lower and upper limits: discount factors, and initial states in state bounds."""
-        low = np.full(len(self.names), -np.inf)
-        high = np.full(len(self.names), np.inf)
+        names = self.names
+        low, high = np.full(len(names), -np.inf), np.full(len(names), np.inf)
         low[self.is_gamma], high[self.is_gamma] = GAMMA_BOUNDS
+        is_state = np.array([n.startswith("x0[") for n in names], dtype=bool)
         lower, upper = self.layout.bounds
-        at = 0
-        for i, f in enumerate(self.free):
-            at += sum(int(np.prod(shape, dtype=int)) for _, shape in self.sizes[i]) + f.gamma
-            if f.initial_state:
-                where = self.layout.state_slices[i]
-                size = where.stop - where.start
-                low[at : at + size] = lower[0, where]
-                high[at : at + size] = upper[0, where]
-                at += size
+        low[is_state], high[is_state] = lower[0, : self.layout.n], upper[0, : self.layout.n]
         return low, high
+
+
+def _size(shape: tuple[int, ...]) -> int:
+    return int(np.prod(shape, dtype=int))

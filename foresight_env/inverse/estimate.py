@@ -10,7 +10,8 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
+from scipy.stats import qmc
 
 from foresight_env.equilibrium.implicit import Equilibrium, rollout
 from foresight_env.equilibrium.interior_point import Options, start_point
@@ -23,7 +24,7 @@ from foresight_env.games.game import Game
 from foresight_env.games.observations import ObservationModel
 from foresight_env.games.types import Scalar, Theta
 from foresight_env.inverse.coordinates import Coordinates, Free
-from foresight_env.inverse.fit import Data, Fit, Problem, trajectory_jacobian
+from foresight_env.inverse.fit import Data, Fit, Problem, trajectory_jacobian, unevaluated
 from foresight_env.inverse.gauss_newton import GaussNewton
 from foresight_env.inverse.gradient_descent import GradientDescent
 from foresight_env.inverse.prior import Prior, prior_terms
@@ -92,17 +93,18 @@ class MultiStart:
     count: int = 6
     gamma_range: tuple[float, float] = (0.3, 1.0)
 
-    def spread(self, coordinates: Coordinates, values: Array) -> Float[Array, "S p"]:
-        """Starting vectors, the caller's first."""
-        from scipy.stats import qmc
-
-        where = np.flatnonzero(coordinates.is_gamma)
+    def spread(
+        self, values: Float[np.ndarray, "p"], open_gammas: Bool[np.ndarray, "p"]
+    ) -> Float[np.ndarray, "S p"]:
+        """Starting vectors, the caller's first; just that one when no discount factor is free."""
+        where = np.flatnonzero(open_gammas)
         if self.count < 2 or where.size == 0:
-            return jnp.asarray(values)[None]
+            return values[None]
         points = qmc.Halton(where.size, scramble=False).random(self.count)[1:]
         low, high = self.gamma_range
-        starts = jnp.tile(jnp.asarray(values), (self.count, 1))
-        return starts.at[1:, where].set(low + (high - low) * points)
+        starts = np.tile(values, (self.count, 1))
+        starts[1:, where] = low + (high - low) * points
+        return starts
 
 
 UNDETERMINED_GAMMA = 0.29
@@ -171,6 +173,17 @@ def check_observations(
     return np.where(seen, values, 0.0), whiten
 
 
+@partial(jax.jit, static_argnums=0)
+def _tracked(problem: Problem, data: Data, base: Parameters) -> Iterate:
+    u = track(problem, data, base)
+    x = rollout(problem.layout, base.x0, u)
+    return start_point(problem.layout, base, x, u, problem.options)
+
+
+MOST_STARTS = 16
+"""Starts are padded to this many, so that one compiled program serves any number of them."""
+
+
 @partial(jax.jit, static_argnums=(0, 1))
 def _run(
     problem: Problem,
@@ -178,20 +191,30 @@ def _run(
     data: Data,
     base: Parameters,
     starts: Float[Array, "S p"],
-    guess: Iterate | None,
+    count: Int[Array, ""],
+    begin: Iterate,
 ) -> tuple[Fit, Int[Array, ""], Float[Array, "S"]]:
-    if guess is None:
-        u = track(problem, data, base)
-        x = rollout(problem.layout, base.x0, u)
-        guess = start_point(problem.layout, base, x, u, problem.options)
-    begin = guess
+    """The best local fit of `count` starts, one after the other.
 
-    def one(values: Array) -> tuple[Fit, Int[Array, ""]]:
-        return method.run(problem, data, base, values, begin)
+    In lockstep (`vmap`) every start would wait for the slowest solve of the slowest fit; on a CPU
+    that costs more than it saves.
+    """
 
-    fits, counts = jax.vmap(one)(starts)
-    best = jnp.argmin(fits.cost)
-    return jax.tree.map(lambda v: v[best], fits), jnp.sum(counts), fits.cost
+    def more(state):  # type: ignore[no-untyped-def]
+        return state[0] < count
+
+    def one(state):  # type: ignore[no-untyped-def]
+        number, best, solves, costs = state
+        fit, spent = method.run(problem, data, base, starts[number], begin)
+        better = fit.cost < best.cost
+        best = jax.tree.map(lambda new, old: jnp.where(better, new, old), fit, best)
+        return number + 1, best, solves + spent, costs.at[number].set(fit.cost)
+
+    nothing = unevaluated(problem, data, base, starts[0], begin)
+    zero = jnp.zeros((), int)
+    costs = jnp.full(starts.shape[0], jnp.inf)
+    _, fit, solves, costs = jax.lax.while_loop(more, one, (zero, nothing, zero, costs))
+    return fit, solves, costs
 
 
 @partial(jax.jit, static_argnums=0)
@@ -209,7 +232,7 @@ def _finish(problem: Problem, data: Data, base: Parameters, fit: Fit) -> tuple[A
     floor = 1e-12 * jnp.maximum(jnp.max(jnp.diag(information)), 1e-12)
     low, high = (jnp.asarray(b) for b in coordinates.bounds())
     held = (fit.values <= low) | (fit.values >= high)
-    free = jnp.where(held, 0.0, 1.0)
+    free = jnp.where(held, 0.0, data.free)
     # Parameters that rest on a limit do not vary: their rows are left out of the inverse.
     reduced = information * free[:, None] * free + jnp.diag(1.0 - free + floor)
     covariance = jnp.linalg.inv(reduced) * free[:, None] * free
@@ -262,34 +285,44 @@ def estimate(
     """
     layout = layout_of(game)
     parameters = check_parameters(game, initial_state, theta, gamma)
-    coordinates = Coordinates.of(layout, free, parameters)
-    if not coordinates.names:
+    coordinates, chosen = Coordinates.of(layout, free, parameters)
+    if not chosen.any():
         raise ValueError("free: nothing is free; there is nothing to estimate")
+    if not 1 <= starts.count <= MOST_STARTS:
+        raise ValueError(f"starts.count: is {starts.count}; expected 1 to {MOST_STARTS}")
     values, whiten = check_observations(layout, model, observations, covariance)
     with jax.enable_x64(True):
         problem = Problem(layout, coordinates, model, options)
-        begin = coordinates.pack(parameters)
-        mean, root = prior_terms(prior, coordinates, begin)
-        data = Data(jnp.asarray(values), jnp.asarray(whiten), mean, root)
-        initial = starts.spread(coordinates, begin)
-        point = None if guess is None else Iterate(*guess.point)
-        fit, count, costs = _run(problem, method, data, parameters, initial, point)
-        found, solution, spread, determined, rates = _finish(problem, data, parameters, fit)
-        status = jnp.where(fit.success, solution.status, Status.ITERATION_LIMIT)
-        result = Estimate(
-            found.theta,
-            found.gamma,
-            layout.split_states(found.x0),
-            solution,
-            fit.cost,
-            (),
-            fit.values,
-            spread,
-            determined,
-            rates,
-            status,
-            count,
-            costs,
+        begin = np.asarray(coordinates.pack(parameters))
+        mean, root = prior_terms(prior, coordinates, begin, chosen)
+        data = Data(values, whiten, mean, root, chosen.astype(float))
+        initial = starts.spread(begin, coordinates.is_gamma & chosen)
+        padded = np.pad(initial, ((0, MOST_STARTS - len(initial)), (0, 0)), mode="edge")
+        if guess is None:
+            point = _tracked(problem, data, parameters)
+        else:
+            point = Iterate(*guess.point)
+        fit, count, costs = _run(
+            problem, method, data, parameters, padded, np.asarray(len(initial)), point
         )
-        done: Estimate = to_numpy(result)
-    return done._replace(names=coordinates.names)
+        found, solution, spread, determined, rates = to_numpy(
+            _finish(problem, data, parameters, fit)
+        )
+        fit, count, costs = to_numpy((fit, count, costs))
+    status = solution.status if fit.success else np.asarray(int(Status.ITERATION_LIMIT))
+    names = tuple(n for n, is_free in zip(coordinates.names, chosen, strict=True) if is_free)
+    return Estimate(
+        found.theta,
+        found.gamma,
+        tuple(found.x0[s] for s in layout.state_slices),
+        solution,
+        fit.cost,
+        names,
+        fit.values[chosen],
+        spread[np.ix_(chosen, chosen)],
+        determined[chosen],
+        rates[:, :, chosen],
+        status,
+        count,
+        costs[: len(initial)],
+    )

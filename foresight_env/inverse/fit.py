@@ -33,6 +33,8 @@ class Data(NamedTuple):
     prior_mean: Float[Array, "p"]
     prior_root: Float[Array, "q p"]
     """Square root of the prior's information: its cost is `||root (v - mean)||^2`."""
+    free: Float[Array, "p"]
+    """1 where a parameter is estimated, 0 where it keeps its value."""
 
 
 @dataclass(frozen=True)
@@ -55,6 +57,12 @@ class Fit(NamedTuple):
     point: Iterate
     error: Scalar
     success: Bool[Array, ""]
+
+
+def limits(problem: Problem, data: Data) -> tuple[Float[Array, "p"], Float[Array, "p"]]:
+    """Lower and upper limits of the free parameters; fixed ones have none."""
+    low, high = problem.coordinates.bounds()
+    return jnp.where(data.free > 0, low, -jnp.inf), jnp.where(data.free > 0, high, jnp.inf)
 
 
 def predicted(problem: Problem, x0: Array, x: Float[Array, "T n"], count: int) -> Array:
@@ -83,6 +91,7 @@ def evaluate_fit(
     residual = residuals(problem, data, values, parameters.x0, result.point.x)
     rates = trajectory_jacobian(problem, result, base, values)
     jacobian = residual_jacobian(problem, data, values, parameters.x0, result.point.x, rates)
+    jacobian = jacobian * data.free
     cost = jnp.where(result.success, jnp.sum(residual**2), jnp.inf)
     return Fit(values, cost, residual, jacobian, result.point, result.error, result.success)
 

@@ -15,7 +15,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from foresight_env.equilibrium.kkt import Iterate, Parameters
 from foresight_env.games.types import Scalar
-from foresight_env.inverse.fit import Data, Fit, Problem, evaluate_fit, unevaluated
+from foresight_env.inverse.fit import Data, Fit, Problem, evaluate_fit, limits, unevaluated
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class GaussNewton:
         start: Iterate,
     ) -> tuple[Fit, Int[Array, ""]]:
         """Improve `values`; returns the best fit and the number of forward solves."""
-        low, high = (jnp.asarray(b) for b in problem.coordinates.bounds())
+        low, high = limits(problem, data)
 
         def unfinished(state: _State) -> Bool[Array, ""]:
             return ~state.done & (state.count <= self.max_iterations)
@@ -54,7 +54,7 @@ class GaussNewton:
             damping = jnp.where(better, jnp.maximum(state.damping * 0.2, 1e-9), state.damping * 6.0)
             damping = jnp.where(first, state.damping, damping)
             chosen = jax.tree.map(lambda new, old: jnp.where(better, new, old), trial, fit)
-            step = damped_step(chosen, damping, low, high)
+            step = damped_step(chosen, damping, low, high, data.free)
             trial_values = jnp.clip(chosen.values + step, low, high)
             return _State(chosen, trial_values, damping, state.count + 1, finished)
 
@@ -74,11 +74,13 @@ class _State(NamedTuple):
     done: Bool[Array, ""]
 
 
-def damped_step(fit: Fit, damping: Scalar, low: Array, high: Array) -> Float[Array, "p"]:
+def damped_step(
+    fit: Fit, damping: Scalar, low: Array, high: Array, free: Array
+) -> Float[Array, "p"]:
     """Damped Gauss-Newton step; entries pushed against their limit are frozen."""
     gradient = fit.jacobian.T @ fit.residual
     stuck = ((fit.values <= low) & (gradient > 0)) | ((fit.values >= high) & (gradient < 0))
-    free = jnp.where(stuck, 0.0, 1.0)
+    free = jnp.where(stuck, 0.0, free)
     jacobian = fit.jacobian * free
     normal = jacobian.T @ jacobian
     scale = jnp.diag(normal)

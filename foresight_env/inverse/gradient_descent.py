@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from foresight_env.equilibrium.kkt import Iterate, Parameters
-from foresight_env.inverse.fit import Data, Fit, Problem, evaluate_fit, unevaluated
+from foresight_env.inverse.fit import Data, Fit, Problem, evaluate_fit, limits, unevaluated
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class GradientDescent:
         start: Iterate,
     ) -> tuple[Fit, Int[Array, ""]]:
         """Descend from `values`; returns the last fit and the number of forward solves."""
-        low, high = (jnp.asarray(b) for b in problem.coordinates.bounds())
+        low, high = limits(problem, data)
         values = jnp.clip(values, low, high)
 
         def unfinished(state):  # type: ignore[no-untyped-def]

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Bool, Float
 
 from foresight_env.inverse.coordinates import Coordinates
 
@@ -30,29 +29,37 @@ class Prior:
 
 
 def prior_terms(
-    prior: Prior, coordinates: Coordinates, values: Float[Array, "p"]
-) -> tuple[Float[Array, "p"], Float[Array, "q p"]]:
-    """One mean and a square root of the information that stand for all terms of the prior."""
-    count = values.shape[0]
+    prior: Prior,
+    coordinates: Coordinates,
+    values: Float[np.ndarray, "p"],
+    free: Bool[np.ndarray, "p"],
+) -> tuple[Float[np.ndarray, "p"], Float[np.ndarray, "p p"]]:
+    """One mean and a square root of the information that stand for all terms of the prior.
+
+    `values`: the caller's start. Fixed parameters have no prior.
+    """
     spread = dict(prior.theta_deviation)
     entries = [name.split("[")[0].split(" ")[0] for name in coordinates.names]
-    believed = np.array([0.0 if e not in spread else spread[e] ** -2.0 for e in entries])
-    weight = np.diag(np.where(coordinates.is_gamma, prior.gamma_weight, believed))
-    center = np.where(coordinates.is_gamma, prior.gamma_center, np.asarray(values))
+    believed = np.array([spread[e] ** -2.0 if e in spread else 0.0 for e in entries])
+    weight = np.where(coordinates.is_gamma, prior.gamma_weight, believed) * free
+    center = np.where(coordinates.is_gamma, prior.gamma_center, values)
     if (prior.mean is None) != (prior.information is None):
         raise ValueError("prior: mean and information belong together; give both or neither")
     if prior.mean is None or prior.information is None:
-        return jnp.asarray(center), jnp.sqrt(jnp.asarray(weight))
+        return center, np.diag(np.sqrt(weight))
+    count = int(free.sum())
     mean, belief = np.asarray(prior.mean), np.asarray(prior.information)
     if mean.shape != (count,) or belief.shape != (count, count):
         raise ValueError(
             f"prior: mean {mean.shape} and information {belief.shape}; expected ({count},) and "
             f"({count}, {count})"
         )
-    total = weight + belief
-    combined = np.linalg.lstsq(total, weight @ center + belief @ mean, rcond=None)[0]
+    total = np.diag(weight[free]) + belief
+    combined = center.copy()
+    combined[free] = np.linalg.lstsq(total, weight[free] * center[free] + belief @ mean, rcond=None)[0]
     spectrum, basis = np.linalg.eigh(0.5 * (total + total.T))
     if spectrum[0] < -1e-9 * max(spectrum[-1], 1.0):
         raise ValueError("prior.information: is not positive semidefinite")
-    root = np.sqrt(np.maximum(spectrum, 0.0))[:, None] * basis.T
-    return jnp.asarray(combined), jnp.asarray(root)
+    root = np.zeros((values.size, values.size))
+    root[np.ix_(free, free)] = np.sqrt(np.maximum(spectrum, 0.0))[:, None] * basis.T
+    return combined, root
