@@ -1,0 +1,113 @@
+"""Results on disk: Parquet parts written atomically, and a manifest that says what they are of.
+
+A folder belongs to one configuration. An interrupted study goes on where it stopped: trials that have
+a row are not run again.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import tempfile
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from foresight_env import __version__
+
+Row = dict[str, Any]
+
+
+class StoreError(ValueError):
+    """A results folder cannot be used; the message says why and what to do."""
+
+
+class Store:
+    """One study's folder. `key` names the columns that identify a trial."""
+
+    def __init__(
+        self, folder: str | Path, study: str, configuration: Mapping[str, Any], key: tuple[str, ...]
+    ) -> None:
+        self.folder = Path(folder)
+        self.key = key
+        wanted = {
+            "study": study,
+            "configuration": json.loads(json.dumps(configuration)),
+            "version": __version__,
+        }
+        manifest = self.folder / "manifest.json"
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            if manifest.exists():
+                found = json.loads(manifest.read_text())
+                kept = {name: found.get(name) for name in wanted}
+                if kept != wanted:
+                    different = sorted(n for n in wanted if kept[n] != wanted[n])
+                    raise StoreError(
+                        f"{self.folder}: holds results of another {' and '.join(different)}; "
+                        "choose another folder or delete this one"
+                    )
+            else:
+                if any(self.folder.iterdir()):
+                    raise StoreError(
+                        f"{self.folder}: is not empty and has no manifest.json; choose another folder"
+                    )
+                machine = {"python": platform.python_version(), "machine": platform.machine()}
+                text = json.dumps({**wanted, **machine}, indent=2)
+                write_atomically(manifest, text.encode())
+        except OSError as error:
+            raise StoreError(f"{self.folder}: cannot be written ({error.strerror})") from error
+        except json.JSONDecodeError as error:
+            raise StoreError(f"{manifest}: is not JSON ({error}); delete the folder") from error
+
+    def append(self, rows: Iterable[Row]) -> None:
+        """Add finished trials as one new part; all of them or none."""
+        listed = list(rows)
+        if not listed:
+            return
+        table = pa.Table.from_pylist(listed)
+        sink = pa.BufferOutputStream()
+        pq.write_table(table, sink)
+        number = len(list(self.folder.glob("part-*.parquet")))
+        path = self.folder / f"part-{number:06d}.parquet"
+        while path.exists():
+            number += 1
+            path = self.folder / f"part-{number:06d}.parquet"
+        try:
+            write_atomically(path, sink.getvalue().to_pybytes())
+        except OSError as error:
+            raise StoreError(f"{path}: cannot be written ({error.strerror})") from error
+
+    def rows(self) -> list[Row]:
+        """All finished trials, one row each, in the order of their keys."""
+        found: dict[tuple[Any, ...], Row] = {}
+        for part in sorted(self.folder.glob("part-*.parquet")):
+            try:
+                table = pq.read_table(part)
+            except (pa.ArrowInvalid, OSError) as error:
+                raise StoreError(f"{part}: is damaged ({error}); delete this part") from error
+            for row in table.to_pylist():
+                found[tuple(row[k] for k in self.key)] = row
+        return [found[k] for k in sorted(found, key=repr)]
+
+    def finished(self) -> set[tuple[Any, ...]]:
+        """Keys of the trials that have a row."""
+        return {tuple(row[k] for k in self.key) for row in self.rows()}
+
+
+def write_atomically(path: Path, data: bytes) -> None:
+    """Write beside `path`, then move: readers see the old file or the new one, never a half."""
+    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(temporary, path)
+    except BaseException:
+        Path(temporary).unlink(missing_ok=True)
+        raise
