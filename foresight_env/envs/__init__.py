@@ -1,0 +1,25 @@
+"""Environments: PettingZoo parallel environments and Gymnasium ids, registered on import.
+
+`foresight_env.envs.crosswalk_v0.parallel_env()` makes the multi-agent crosswalk,
+`gymnasium.make("foresight/Crosswalk-v0")` the single-agent one. Without this import, Gymnasium
+finds the latter as `gymnasium.make("foresight_env.envs:foresight/Crosswalk-v0")`.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from types import ModuleType
+
+from foresight_env.envs.registration import register
+
+__all__ = ["crosswalk_v0", "register"]
+
+
+def __getattr__(name: str) -> ModuleType:
+    # On demand: registering ids should not load JAX.
+    if name == "crosswalk_v0":
+        return import_module("foresight_env.envs.crosswalk_v0")
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+register()

@@ -1,0 +1,20 @@
+"""Version 0 of the crosswalk under PettingZoo's names; see module `crosswalk` for its page."""
+
+from typing import Any
+
+from pettingzoo.utils.conversions import aec_wrapper_fn, parallel_to_aec_wrapper
+
+from foresight_env.envs.crosswalk import CrosswalkParallelEnv
+
+__all__ = ["env", "parallel_env", "raw_env"]
+
+parallel_env = CrosswalkParallelEnv
+"""The parallel environment; arguments as in module `crosswalk`."""
+
+env = aec_wrapper_fn(parallel_env)
+"""The same as an agent-environment-cycle environment that enforces the order of calls."""
+
+
+def raw_env(**arguments: Any) -> Any:
+    """The agent-environment-cycle form without the wrapper that enforces the order of calls."""
+    return parallel_to_aec_wrapper(parallel_env(**arguments))

@@ -1,0 +1,195 @@
+"""Drawing of the crosswalk with pygame: street, pedestrians, trajectories and inferred foresight.
+
+Frames are drawn at twice their size and scaled down, which smooths edges. No display is needed for
+`"rgb_array"`. Colours are those of Okabe and Ito, distinguishable with colour-blindness.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal, NamedTuple
+
+import numpy as np
+import pygame
+from jaxtyping import Bool, Float, UInt8
+
+from foresight_env.envs.canvas import DARK, FAINT, Canvas, Colour, faded
+from foresight_env.envs.overlay import Overlay
+from foresight_env.scenarios.crosswalk import COLLISION_DISTANCE
+
+WIDTH, HEIGHT = 900, 620
+PANEL = 260
+COLOURS: tuple[Colour, ...] = (
+    (0, 114, 178),
+    (213, 94, 0),
+    (0, 158, 115),
+    (204, 121, 167),
+    (230, 159, 0),
+    (86, 180, 233),
+)
+PAVEMENT, ASPHALT, STRIPE = (240, 238, 233), (201, 203, 207), (247, 247, 247)
+CENTRE = np.array([1.0, 1.0])
+"""Middle of the crossing, m."""
+ROAD = (0.1, 1.9)
+"""Edges of the road along y, m."""
+CROSSWALK = (-0.5, 2.5)
+"""Edges of the marked crossing along x, m."""
+STRIPE_WIDTH = 0.2
+LEAST_VIEW, MARGIN = 1.75, 0.4
+"""Half of the shown width at least, and free space around everything, m."""
+
+
+class Frame(NamedTuple):
+    """All that one picture shows."""
+
+    trail: Float[np.ndarray, "steps N 2"]
+    """Positions so far, the present ones last, m."""
+    goals: Float[np.ndarray, "N 2"]
+    controlled: tuple[int, ...]
+    collided: Bool[np.ndarray, "N"]
+    planned: Sequence[Float[np.ndarray, "K 2"]]
+    """What the behaviour of uncontrolled agents plans for each player; empty: nothing."""
+    overlay: Overlay
+    time: float
+    """Seconds since the episode began."""
+
+
+class Renderer:
+    """Draws frames into a window or into arrays."""
+
+    def __init__(self, mode: Literal["human", "rgb_array"], frames_per_second: int) -> None:
+        pygame.font.init()
+        self._rate = frames_per_second
+        self._window: pygame.Surface | None = None
+        self._clock: pygame.time.Clock | None = None
+        if mode == "human":
+            pygame.display.init()
+            pygame.display.set_caption("foresight_env: crosswalk")
+            self._window = pygame.display.set_mode((WIDTH, HEIGHT))
+            self._clock = pygame.time.Clock()
+
+    def draw(self, frame: Frame) -> UInt8[np.ndarray, "H W 3"] | None:
+        """The picture; None when it went into the window."""
+        canvas = Canvas(WIDTH, HEIGHT, WIDTH - PANEL, CENTRE, _half_width(frame))
+        _street(canvas)
+        _trajectories(canvas, frame)
+        _pedestrians(canvas, frame)
+        canvas.panel(PANEL, PAVEMENT)
+        _gamma_bars(canvas, frame, _legend(canvas, frame))
+        picture = canvas.finish()
+        if self._window is None or self._clock is None:
+            return np.transpose(pygame.surfarray.array3d(picture), (1, 0, 2)).copy()
+        pygame.event.pump()
+        self._window.blit(picture, (0, 0))
+        pygame.display.flip()
+        self._clock.tick(self._rate)
+        return None
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self._window is not None:
+            pygame.display.quit()
+            self._window = None
+
+
+def _half_width(frame: Frame) -> float:
+    """Half of the shown width: nobody is ever outside, and the view never shrinks again."""
+    places = np.concatenate([frame.trail.reshape(-1, 2), frame.goals])
+    return max(LEAST_VIEW, float(np.abs(places - CENTRE).max()) + MARGIN)
+
+
+def _street(canvas: Canvas) -> None:
+    far = 100.0
+    canvas.rectangle((-far, -far), (far, far), PAVEMENT)
+    canvas.rectangle((-far, ROAD[0]), (far, ROAD[1]), ASPHALT)
+    for low in np.arange(ROAD[0], ROAD[1] - 0.01, 2.0 * STRIPE_WIDTH):
+        canvas.rectangle((CROSSWALK[0], low), (CROSSWALK[1], low + STRIPE_WIDTH), STRIPE)
+
+
+def _trajectories(canvas: Canvas, frame: Frame) -> None:
+    for i, goal in enumerate(frame.goals):
+        canvas.cross(goal, 0.09, COLOURS[i])
+        canvas.path(frame.trail[:, i], faded(COLOURS[i]), width=5)
+    for i, path in enumerate(frame.planned):
+        if i not in frame.controlled:
+            canvas.path(path, COLOURS[i], width=1.5)
+    for i, path in frame.overlay.predicted.items():
+        canvas.dashed(path, COLOURS[i], width=3)
+    if frame.overlay.planned is not None:
+        canvas.path(frame.overlay.planned, COLOURS[frame.controlled[0]], width=3)
+
+
+def _pedestrians(canvas: Canvas, frame: Frame) -> None:
+    places, radius = frame.trail[-1], 0.5 * COLLISION_DISTANCE
+    for struck in np.flatnonzero(frame.collided):
+        canvas.burst(places[struck], radius)  # first, so that it hides nobody's number
+    for i, place in enumerate(places):
+        canvas.disc(place, radius, COLOURS[i], ring=i in frame.controlled)
+        canvas.label(str(i), place, COLOURS[i])
+
+
+def _legend(canvas: Canvas, frame: Frame) -> float:
+    """Who is who and which line is what; returns where the next block may begin."""
+    left, y = WIDTH - PANEL + 20.0, 18.0
+    canvas.text(f"time {frame.time:.1f} s", (left, y), size=20)
+    y += 38
+    for i in range(len(frame.goals)):
+        role = "controlled" if i in frame.controlled else "uncontrolled"
+        canvas.sample_disc((left + 11, y + 9), COLOURS[i], ring=i in frame.controlled)
+        canvas.text(f"pedestrian {i}", (left + 32, y), size=15)
+        canvas.text(role, (left + 132, y), size=15, colour=FAINT)
+        y += 26
+    y += 10
+    # Neutral, because each line is drawn in the colour of its pedestrian.
+    kinds = ["trail", "goal"]
+    kinds += ["true plan"] if frame.planned else []
+    kinds += ["prediction"] if frame.overlay.predicted else []
+    kinds += ["own plan"] if frame.overlay.planned is not None else []
+    kinds += ["collision"] if frame.collided.any() else []
+    names = {
+        "true plan": "plan of uncontrolled",
+        "prediction": "predicted by agent",
+        "own plan": "agent's own plan",
+    }
+    for kind in kinds:
+        canvas.sample(kind, (left, y + 9))
+        canvas.text(names.get(kind, kind), (left + 44, y), size=15)
+        y += 24
+    return y + 16
+
+
+def _gamma_bars(canvas: Canvas, frame: Frame, top: float) -> None:
+    """Inferred discount factors with an interval of two deviations, the truth as a tick."""
+    known = sorted({*frame.overlay.gammas, *frame.overlay.truth_gammas})
+    if not known:
+        return
+    left, right = WIDTH - PANEL + 44.0, WIDTH - 24.0
+    means = [pair[0] for pair in frame.overlay.gammas.values()]
+    top_value = max(1.0, *means, *frame.overlay.truth_gammas.values(), 0.0)
+
+    def at(value: float) -> float:
+        return left + (right - left) * min(max(value / top_value, 0.0), 1.0)
+
+    canvas.text("discount factor gamma", (WIDTH - PANEL + 20, top), size=15)
+    y = top + 30
+    for i in known:
+        canvas.text(str(i), (WIDTH - PANEL + 22, y - 1), size=15, colour=COLOURS[i])
+        canvas.bar((left, y), (right, y + 14), (223, 221, 216))
+        if i in frame.overlay.gammas:
+            mean, deviation = frame.overlay.gammas[i]
+            canvas.bar((left, y), (at(mean), y + 14), COLOURS[i])
+            ends = at(mean - 2.0 * deviation), at(mean + 2.0 * deviation)
+            canvas.whisker(ends, y + 7)
+        if i in frame.overlay.truth_gammas:
+            canvas.tick(at(frame.overlay.truth_gammas[i]), y - 4, y + 18)
+        y += 28
+    for value in (0.0, 0.5, 1.0):
+        canvas.text(f"{value:g}", (at(value), y - 4), size=13, colour=FAINT, centred=True)
+    y += 18
+    if frame.overlay.gammas:
+        canvas.whisker((left - 20, left + 4), y + 9)
+        canvas.text("inferred ± 2 deviations", (left + 16, y), size=13, colour=DARK)
+        y += 20
+    if frame.overlay.truth_gammas:
+        canvas.tick(left - 8, y, y + 17)
+        canvas.text("true value", (left + 16, y), size=13, colour=DARK)

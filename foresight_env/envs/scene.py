@@ -1,0 +1,100 @@
+"""What an agent's policy may know of an environment: everything public, and its own parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from copy import deepcopy
+from dataclasses import dataclass, field
+from typing import Any, Literal, NamedTuple
+
+from gymnasium.error import ResetNeeded
+from jaxtyping import Array, Float
+
+from foresight_env.games import Game, ObservationModel, full_state, positions
+from foresight_env.games.types import States
+
+Observation = Literal["full", "positions"]
+
+AGENT_PREFIX = "pedestrian_"
+
+
+def agent_name(player: int) -> str:
+    """The name of a player's agent."""
+    return f"{AGENT_PREFIX}{player}"
+
+
+class Own(NamedTuple):
+    """One player's own parameters in the current episode."""
+
+    theta: dict[str, Any]
+    """As `player_theta` makes it."""
+    gamma: float
+
+
+@dataclass(frozen=True)
+class _InOrder:
+    """`model` on the players in another order."""
+
+    model: ObservationModel
+    order: tuple[int, ...]
+
+    def __call__(self, states: States) -> Float[Array, "size"]:
+        return self.model(tuple(states[j] for j in self.order))
+
+
+def own_first(observation: Observation, game: Game, player: int) -> ObservationModel:
+    """What `player` sees: itself first, then the others in the order of their indices."""
+    order = (player, *(j for j in range(len(game.players)) if j != player))
+    model = (full_state if observation == "full" else positions)(game.state_sizes)
+    owners = tuple(None if k is None else order[k] for k in model.owners)
+    return ObservationModel(_InOrder(model, order), owners)
+
+
+@dataclass(frozen=True)
+class Scene:
+    """An environment as its agents may know it; a new one for each episode."""
+
+    game: Game
+    """The game over the planning horizon."""
+    observation: Observation
+    noise_std: float
+    """Standard deviation of every observed coordinate, m and m/s."""
+    controlled: tuple[int, ...]
+    """Players that the user controls."""
+    max_steps: int
+    goal_radius: float
+    """Distance from its goal within which an agent has reached it, m."""
+    _own: Mapping[int, Own] = field(default_factory=dict, repr=False)
+
+    @property
+    def players(self) -> int:
+        """How many agents there are, controlled or not."""
+        return len(self.game.players)
+
+    @property
+    def dt(self) -> float:
+        """Duration of a step, s."""
+        return self.game.dt
+
+    def index(self, agent: str | int) -> int:
+        """The player of a controlled agent, which is given by name or index."""
+        for player in self.controlled:
+            if agent in (player, agent_name(player)) and not isinstance(agent, bool):
+                return player
+        names = ", ".join(agent_name(player) for player in self.controlled)
+        raise ValueError(f"agent: {agent!r} is not controlled; controlled agents are {names}")
+
+    def observation_model(self, agent: str | int) -> ObservationModel:
+        """`h` of one agent, noise and the goal at the end left out.
+
+        It maps the players' states, in the order of their indices, to what this agent sees: itself
+        first, then the others in the order of their indices.
+        """
+        return own_first(self.observation, self.game, self.index(agent))
+
+    def own(self, agent: str | int) -> Own:
+        """A controlled agent's own parameters in the current episode."""
+        player = self.index(agent)
+        if player not in self._own:
+            raise ResetNeeded("scene.own: there is no episode yet; call reset first")
+        return deepcopy(self._own[player])

@@ -1,0 +1,109 @@
+"""The conformance suite and the frameworks' own checks over many configurations."""
+
+from __future__ import annotations
+
+import warnings
+from functools import partial
+
+import conformance
+import gymnasium
+import numpy as np
+import pettingzoo
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+from foresight_env.envs import crosswalk_v0
+
+with warnings.catch_warnings():
+    # PettingZoo's tests import its own environments in a way that it has deprecated itself.
+    warnings.simplefilter("ignore", DeprecationWarning)
+    from pettingzoo.test import api_test, parallel_api_test, parallel_seed_test
+
+SHORT = {"planning_horizon": 6, "max_steps": 10}
+
+
+def single(**arguments):
+    """The Gymnasium id, as a parallel environment."""
+    return conformance.as_parallel(
+        gymnasium.make("foresight/Crosswalk-v0", **{**SHORT, **arguments})
+    )
+
+
+MAKERS = [
+    pytest.param(partial(crosswalk_v0.parallel_env, **SHORT, **arguments), id=name)
+    for name, arguments in {
+        "two-receding": {},
+        "two-open-loop-positions": {"behaviour": "open_loop", "observation": "positions"},
+        "two-all": {"controlled": "all"},
+        "second-controlled": {"controlled": (1,), "observation": "positions"},
+        "three-receding": {"players": 3, "observation": "positions"},
+        "three-open-loop-two-controlled": {
+            "players": 3,
+            "controlled": (0, 2),
+            "behaviour": "open_loop",
+        },
+        "three-all-positions": {"players": 3, "controlled": None, "observation": "positions"},
+    }.items()
+] + [
+    pytest.param(single, id="gymnasium"),
+    pytest.param(partial(single, behaviour="open_loop", players=3), id="gymnasium-three"),
+]
+
+
+@pytest.mark.parametrize("check", conformance.CHECKS, ids=lambda check: check.__name__)
+@pytest.mark.parametrize("make", MAKERS)
+def test_conformance(make, check):
+    check(make)
+
+
+@pytest.mark.parametrize("spoil", conformance.WRONG)
+@pytest.mark.parametrize("make", MAKERS[::2])
+def test_wrong_actions_change_nothing(make, spoil):
+    conformance.wrong_actions_change_nothing(make, spoil)
+
+
+@pytest.mark.parametrize("make", MAKERS[:7])
+def test_pettingzoo_accepts(make):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        parallel_api_test(make(), num_cycles=25)
+        parallel_seed_test(make, num_cycles=25)
+
+
+def test_pettingzoo_accepts_the_cycle_form():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        api_test(crosswalk_v0.env(players=3, controlled="all", **SHORT), num_cycles=30)
+    assert crosswalk_v0.raw_env(**SHORT).possible_agents == ["pedestrian_0"]
+
+
+def test_registered_in_pettingzoo():
+    env = pettingzoo.make("parallel", "foresight/crosswalk-v0", players=3, controlled=(2,))
+    assert isinstance(env, crosswalk_v0.parallel_env)
+    assert env.possible_agents == ["pedestrian_2"]
+
+
+@pytest.mark.parametrize("observation", ["full", "positions"])
+def test_gymnasium_accepts(observation):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        # Advice for learners that take actions in [-1, 1]; ours are m/s^2, and users can rescale.
+        warnings.filterwarnings("ignore", message=".*symmetric and normalized space")
+        env = gymnasium.make("foresight/Crosswalk-v0", observation=observation, **SHORT)
+        check_env(env.unwrapped, skip_render_check=True)
+        env = gymnasium.make("foresight/Crosswalk-v0", render_mode="rgb_array", **SHORT)
+        check_env(env.unwrapped)
+
+
+def test_gymnasium_vectorises():
+    envs = gymnasium.make_vec("foresight/Crosswalk-v0", num_envs=2, **SHORT)
+    alone = single()
+    observations, infos = envs.reset(seed=[3, 4])
+    expected, _ = alone.reset(seed=4)
+    assert np.array_equal(observations[1], expected["pedestrian_0"])
+    assert infos["state"].shape == (2, 2, 4)
+    for _ in range(12):  # beyond the end: the vector environment resets by itself
+        observations, rewards, _, _, infos = envs.step(np.ones((2, 2), dtype=np.float32))
+        assert observations.shape == (2, 10)
+        assert np.isfinite(rewards).all()
+    envs.close()
