@@ -152,7 +152,9 @@ def summarise(rows: list[Row], ego: str, dt: float = 0.1) -> Summary:
     mine = [r for r in rows if r["ego"] == ego]
     good = [r for r in mine if not r["error"]]
     if not good:
-        raise ValueError(f"ego {ego}: no episode finished: {mine[0]['error'] if mine else 'no rows'}")
+        raise ValueError(
+            f"ego {ego}: no episode finished: {mine[0]['error'] if mine else 'no rows'}"
+        )
     times = np.array([r["time"] if r["goal_reached"] else MAX_STEPS * dt for r in good])
     distance = np.array([r["min_distance"] for r in good])
     latency = np.concatenate([np.asarray(r["latencies"])[2:] for r in good])

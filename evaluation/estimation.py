@@ -59,14 +59,14 @@ def truth(proximity: Proximity) -> Solution:
     return solve(game, setting.initial_states, setting.theta, setting.gamma, throw=True)
 
 
-def joint(solution: Solution) -> Float[np.ndarray, "T+1 8"]:
+def joint(solution: Solution) -> Float[np.ndarray, "stages 8"]:
     """Everybody's states side by side."""
     return np.concatenate(solution.states, axis=1)
 
 
 def observe(
     observation: str, std: float, sequence: int, proximity: Proximity
-) -> tuple[Float[np.ndarray, "T+1 size"], Float[np.ndarray, "2"]]:
+) -> tuple[Float[np.ndarray, "stages size"], Float[np.ndarray, "2"]]:
     """A noisy sequence, and the random discount factors that estimates start from."""
     model = observation_model(observation)
     columns = np.arange(8) if observation == "full" else np.array([0, 1, 4, 5])

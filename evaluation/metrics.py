@@ -6,9 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 
-def trajectory_error(
-    states: Float[np.ndarray, "K n"], truth: Float[np.ndarray, "K n"]
-) -> float:
+def trajectory_error(states: Float[np.ndarray, "K n"], truth: Float[np.ndarray, "K n"]) -> float:
     """`||X - X_true||^2` over all stages and state entries (paper, section VI-D)."""
     return float(np.sum((states - truth) ** 2))
 

@@ -30,7 +30,9 @@ def attempt(function: Callable[..., Row], trial: Trial, key: tuple[str, ...]) ->
         return {**{k: trial[k] for k in key}, **function(**trial), "error": ""}
     except Exception as error:
         where = traceback.extract_tb(error.__traceback__)[-1]
-        told = f"{type(error).__name__}: {error} ({os.path.basename(where.filename)}:{where.lineno})"
+        told = (
+            f"{type(error).__name__}: {error} ({os.path.basename(where.filename)}:{where.lineno})"
+        )
         return {**{k: trial[k] for k in key}, "error": told}
 
 

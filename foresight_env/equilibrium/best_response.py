@@ -119,8 +119,7 @@ def best_response_parameters(
         "all": tuple(dict(own) for _ in game.players),
         "states": {str(j): s for j, s in enumerate(states)},
         "controls": {
-            str(j): np.zeros((horizon, p.dynamics.control_size))
-            for j, p in enumerate(game.players)
+            str(j): np.zeros((horizon, p.dynamics.control_size)) for j, p in enumerate(game.players)
         },
         **_prices(game, i, own),
     }

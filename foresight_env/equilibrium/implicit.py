@@ -31,8 +31,6 @@ from foresight_env.equilibrium.stagewise import factorise, solve_stages
 from foresight_env.games.types import Scalar
 
 
-
-
 class Equilibrium(NamedTuple):
     """Raw result of one solve on joint vectors."""
 
@@ -90,9 +88,11 @@ def _equilibrium_jvp(layout, options, primals, tangents):  # type: ignore[no-unt
     result = equilibrium(layout, options, parameters, start)
     rate = solution_tangent(layout, options, result, parameters, tangents[0])
     zero = jax.tree.map(
-        lambda v: jnp.zeros(v.shape, v.dtype)
-        if jnp.issubdtype(v.dtype, jnp.floating)
-        else jnp.zeros(v.shape, jax.dtypes.float0),
+        lambda v: (
+            jnp.zeros(v.shape, v.dtype)
+            if jnp.issubdtype(v.dtype, jnp.floating)
+            else jnp.zeros(v.shape, jax.dtypes.float0)
+        ),
         result,
     )
     return result, zero._replace(point=rate)
@@ -159,9 +159,7 @@ def rollout(layout: Layout, x0: Float[Array, "n"], u: Float[Array, "T m"]) -> Fl
 
     def step(x, stage):  # type: ignore[no-untyped-def]
         t, control = stage
-        parts = zip(
-            dynamics, layout.split_states(x), layout.split_controls(control), strict=True
-        )
+        parts = zip(dynamics, layout.split_states(x), layout.split_controls(control), strict=True)
         x = jnp.concatenate([f(t, s, c) for f, s, c in parts])
         return x, x
 

@@ -52,18 +52,18 @@ class Residual(NamedTuple):
 
     stationarity: Float[Array, "T m"]
     defect: Float[Array, "T n"]
-    low: Float[Array, "T n+m"]
-    high: Float[Array, "T n+m"]
+    low: Float[Array, "T w"]
+    high: Float[Array, "T w"]
     rows: Float[Array, "T K"]
 
 
 class Masks(NamedTuple):
     """Which bounds and rows exist."""
 
-    low: Float[Array, "T n+m"]
-    high: Float[Array, "T n+m"]
-    lower: Float[Array, "T n+m"]
-    upper: Float[Array, "T n+m"]
+    low: Float[Array, "T w"]
+    high: Float[Array, "T w"]
+    lower: Float[Array, "T w"]
+    upper: Float[Array, "T w"]
     inequality: Float[Array, "K"]
     elastic: Bool[Array, "K"]
     equality: Bool[Array, "K"]
@@ -189,7 +189,7 @@ def row_softness(masks: Masks, point: Iterate, penalty: Array) -> Float[Array, "
 
 def dynamics_hessian(
     layout: Layout, point: Iterate, ev: Evaluation, convexity: Scalar
-) -> Float[Array, "T n+m n+m"]:
+) -> Float[Array, "T w w"]:
     """Second derivatives of `q_t' f(t, x_t, u_t)` by `(x_t, u_t)`; zero for linear dynamics."""
     shape = ev.lin.hessian.shape
     if all(p.dynamics.linear for p in layout.game.players):
@@ -294,7 +294,9 @@ def step_lengths(
     """Largest primal and dual steps in (0, 1] that keep slacks and multipliers positive."""
 
     def longest(value: Array, change: Array, mask: Array) -> Scalar:
-        limit = jnp.where((mask > 0) & (change < 0), -value / jnp.where(change < 0, change, -1), 1e9)
+        limit = jnp.where(
+            (mask > 0) & (change < 0), -value / jnp.where(change < 0, change, -1), 1e9
+        )
         return jnp.min(limit, initial=1e9)
 
     primal = jnp.stack(

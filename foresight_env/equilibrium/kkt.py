@@ -43,10 +43,10 @@ class Iterate(NamedTuple):
 
     x: Float[Array, "T n"]
     u: Float[Array, "T m"]
-    slack_low: Float[Array, "T n+m"]
-    slack_high: Float[Array, "T n+m"]
-    mult_low: Float[Array, "T n+m"]
-    mult_high: Float[Array, "T n+m"]
+    slack_low: Float[Array, "T w"]
+    slack_high: Float[Array, "T w"]
+    mult_low: Float[Array, "T w"]
+    mult_high: Float[Array, "T w"]
     slack: Float[Array, "T K"]
     excess: Float[Array, "T K"]
     mult: Float[Array, "T K"]
@@ -55,17 +55,17 @@ class Iterate(NamedTuple):
 class Linearisation(NamedTuple):
     """Everything that a Newton step needs, per stage."""
 
-    gradient: Float[Array, "T n+m"]
+    gradient: Float[Array, "T w"]
     """Each player's Lagrangian differentiated by its own part of `w`, without costates."""
-    hessian: Float[Array, "T n+m n+m"]
+    hessian: Float[Array, "T w w"]
     """Rows: a player's own part; columns: everybody's."""
     a: Float[Array, "T n n"]
     b: Float[Array, "T n m"]
     defect: Float[Array, "T n"]
     rho: Float[Array, "T n"]
     values: Float[Array, "T K"]
-    jacobian: Float[Array, "T K n+m"]
-    share: Float[Array, "T K n+m"]
+    jacobian: Float[Array, "T K w"]
+    share: Float[Array, "T K w"]
     """How strongly row k's multiplier acts on the owner of an entry of `w`."""
     penalty: Float[Array, "K"]
 
@@ -80,7 +80,7 @@ def discount_ratios(layout: Layout, gamma: Float[Array, "N"]) -> Float[Array, "T
     return jnp.stack([jnp.broadcast_to(c, stages.shape) for c in columns], axis=1)
 
 
-def _row_shares(layout: Layout, ratios: Float[Array, "T N"]) -> Float[Array, "T K n+m"]:
+def _row_shares(layout: Layout, ratios: Float[Array, "T N"]) -> Float[Array, "T K w"]:
     """Weights of each row's multiplier in each player's current-value conditions."""
     horizon, count = ratios.shape
     if not layout.rows:
@@ -100,7 +100,13 @@ def _row_shares(layout: Layout, ratios: Float[Array, "T N"]) -> Float[Array, "T 
 
 
 def _stage_cost(
-    cost: CostFunction, i: int, t: Array, w: Array, at: Array, theta: Theta, layout: Layout,
+    cost: CostFunction,
+    i: int,
+    t: Array,
+    w: Array,
+    at: Array,
+    theta: Theta,
+    layout: Layout,
     convexity: Scalar,
 ) -> Scalar:
     """A cost whose second derivatives at `at` are `convexity` parts Gauss-Newton, rest exact."""
@@ -163,9 +169,7 @@ def linearise(
             )
 
             def own(wx, wu, i=i, sx=sx, su=su):  # type: ignore[no-untyped-def]
-                return lagrangian(
-                    i, t, w.at[sx].set(wx).at[su].set(wu), at, scale, mult, row_share
-                )
+                return lagrangian(i, t, w.at[sx].set(wx).at[su].set(wu), at, scale, mult, row_share)
 
             gx, gu = jax.grad(own, argnums=(0, 1))(w[sx], w[su])
             x_parts.append(gx)
@@ -198,9 +202,7 @@ def linearise(
         stages, w, previous, undiscounted, point.mult, share
     )
     gradient = gradient - point.mult_low + point.mult_high
-    return Linearisation(
-        gradient, hessian, a, b, defect, rho, values, jacobian, share, penalty
-    )
+    return Linearisation(gradient, hessian, a, b, defect, rho, values, jacobian, share, penalty)
 
 
 def costates(lin: Linearisation, n: int) -> Float[Array, "T n"]:

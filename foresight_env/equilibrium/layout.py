@@ -65,7 +65,7 @@ class Layout:
         """Joint control -> one vector per player."""
         return tuple(u[s] for s in self.control_slices)
 
-    def split(self, w: Float[Array, "n+m"]) -> tuple[States, Controls]:
+    def split(self, w: Float[Array, "w"]) -> tuple[States, Controls]:
         """Stage vector -> per-player states and controls."""
         return self.split_states(w[: self.n]), self.split_controls(w[self.n :])
 
@@ -114,7 +114,7 @@ class Layout:
         return np.array([r.kind == "equality" for r in self.rows], dtype=bool)
 
     def constraint_values(
-        self, t: Array, w: Float[Array, "n+m"], thetas: tuple[Theta, ...]
+        self, t: Array, w: Float[Array, "w"], thetas: tuple[Theta, ...]
     ) -> Float[Array, "K"]:
         """All constraint rows of stage `t`."""
         x, u = self.split(w)

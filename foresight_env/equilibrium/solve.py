@@ -30,7 +30,7 @@ from foresight_env.precision import call_in_double, is_traced, to_double, to_num
 class Solution(NamedTuple):
     """An equilibrium, or an honest failure (`status`)."""
 
-    states: tuple[Float[Array, "T+1 _"], ...]
+    states: tuple[Float[Array, "stages _"], ...]
     """Per player, `x_1` (given) to `x_{T+1}`."""
     controls: tuple[Float[Array, "T _"], ...]
     """Per player, `u_1` to `u_T`."""
@@ -149,9 +149,7 @@ WARM_BARRIER = 1e-4
 too narrow to follow a change of parameters."""
 
 
-def warm_start(
-    layout: Layout, parameters: Parameters, point: Iterate, options: Options
-) -> Iterate:
+def warm_start(layout: Layout, parameters: Parameters, point: Iterate, options: Options) -> Iterate:
     """A start near another game's solution: its trajectory and its multipliers, off the boundary."""
     near = replace(options, start_barrier=WARM_BARRIER)
     fresh = start_point(layout, parameters, point.x, point.u, near)
@@ -160,7 +158,9 @@ def warm_start(
     floor = np.sqrt(WARM_BARRIER)
 
     def pair(slack: Array, mult: Array, mask: Array) -> tuple[Array, Array]:
-        slack = jnp.where(mask > 0, jnp.maximum(slack, WARM_BARRIER / jnp.maximum(mult, floor)), 1.0)
+        slack = jnp.where(
+            mask > 0, jnp.maximum(slack, WARM_BARRIER / jnp.maximum(mult, floor)), 1.0
+        )
         return slack, jnp.where(mask > 0, jnp.maximum(mult, WARM_BARRIER / slack), 0.0)
 
     slack_low, mult_low = pair(point.slack_low, point.mult_low, masks.low)

@@ -22,8 +22,8 @@ from jaxtyping import Array, Float
 class StageSystem(NamedTuple):
     """Matrices of the linear system, per stage."""
 
-    hessian: Float[Array, "T n+m n+m"]
-    dynamics_hessian: Float[Array, "T n+m n+m"]
+    hessian: Float[Array, "T w w"]
+    dynamics_hessian: Float[Array, "T w w"]
     """Second derivatives of `q_t' f` by (x_t, u_t)."""
     a: Float[Array, "T n n"]
     b: Float[Array, "T n m"]

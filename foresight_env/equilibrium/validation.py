@@ -27,9 +27,7 @@ def joint_state(game: Game, x0: Any) -> jax.Array | np.ndarray:
         x0 = jnp.split(x0, np.cumsum(sizes)[:-1]) if x0.shape == (sum(sizes),) else x0
     parts = list(x0)
     if len(parts) != len(sizes):
-        raise ValueError(
-            f"x0: has {len(parts)} states; expected one per player, sizes {sizes}"
-        )
+        raise ValueError(f"x0: has {len(parts)} states; expected one per player, sizes {sizes}")
     for i, (part, size) in enumerate(zip(parts, sizes, strict=True)):
         if np.shape(part) != (size,):
             raise ValueError(f"x0[{i}]: has shape {np.shape(part)}; expected ({size},)")
@@ -49,8 +47,8 @@ def check_parameters(game: Game, x0: Any, theta: Sequence[Theta], gamma: Any) ->
     gamma = gamma if isinstance(gamma, jax.core.Tracer) else np.asarray(gamma, dtype=float)
     if gamma.shape not in ((), (count,)):
         raise ValueError(f"gamma: has shape {gamma.shape}; expected a number or ({count},)")
-    discounts = jnp.broadcast_to(gamma, (count,)) if is_traced(gamma) else np.broadcast_to(
-        gamma, (count,)
+    discounts = (
+        jnp.broadcast_to(gamma, (count,)) if is_traced(gamma) else np.broadcast_to(gamma, (count,))
     )
     for name, value in (("x0", state), ("theta", thetas), ("gamma", discounts)):
         if not is_traced(value) and not all(np.isfinite(v).all() for v in jax.tree.leaves(value)):
@@ -82,9 +80,7 @@ def _entry(name: str, value: Any) -> Any:
     if isinstance(value, (list, tuple)) and all(isinstance(v, (int, float)) for v in value):
         value = np.asarray(value, dtype=float)
     try:
-        return jax.tree.map(
-            lambda v: v if is_traced(v) else np.asarray(v, dtype=float), value
-        )
+        return jax.tree.map(lambda v: v if is_traced(v) else np.asarray(v, dtype=float), value)
     except (TypeError, ValueError) as error:
         raise ValueError(f"theta[{name!r}]: is not numeric ({error})") from error
 

@@ -65,9 +65,7 @@ def player_cost(
     return jnp.sum(weight * discounted) + jnp.sum(flat) / ratios[0]
 
 
-def _curvature(
-    layout: Layout, options: Options, parameters: Parameters, point: Iterate
-) -> Scalar:
+def _curvature(layout: Layout, options: Options, parameters: Parameters, point: Iterate) -> Scalar:
     """Smallest eigenvalue of a one-player game's reduced Hessian, in current-value scaling."""
     masks, exact = masks_of(layout), jnp.zeros(())
     ev = evaluate(layout, masks, point, parameters, exact, options)
@@ -78,9 +76,13 @@ def _curvature(
     def step(carry: Array, s: Any) -> tuple[Array, tuple[Array, Array]]:
         t, a, b, rho = s
         before = jnp.sqrt(rho)[:, None] * carry
-        own = jnp.zeros((m, horizon * m)).at[:, :].set(
-            jax.lax.dynamic_update_slice(
-                jnp.zeros((m, horizon * m)), jnp.eye(m), (jnp.zeros((), int), t * m)
+        own = (
+            jnp.zeros((m, horizon * m))
+            .at[:, :]
+            .set(
+                jax.lax.dynamic_update_slice(
+                    jnp.zeros((m, horizon * m)), jnp.eye(m), (jnp.zeros((), int), t * m)
+                )
             )
         )
         after = a @ before + b @ own
@@ -150,7 +152,9 @@ def _verify(
             cost = player_cost(alone, 0, found.point.x, found.point.u, mine)
             return jnp.where(found.success, here - cost, -jnp.inf)
 
-        nudged = own._replace(u=own.u + 1e-3 * jnp.sin(1.0 + jnp.arange(own.u.size)).reshape(own.u.shape))
+        nudged = own._replace(
+            u=own.u + 1e-3 * jnp.sin(1.0 + jnp.arange(own.u.size)).reshape(own.u.shape)
+        )
         gaps.append(gain(solve_joint(alone, options, mine, nudged)))
         colds.append(gain(solve_joint(alone, options, mine, None)))
         curvatures.append(_curvature(alone, options, mine, own))

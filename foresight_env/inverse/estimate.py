@@ -49,7 +49,7 @@ class Estimate(NamedTuple):
     """Laplace approximation: inverse of the Gauss-Newton information, prior included."""
     determined: Array
     """(p,) False where the data leave a parameter open; see `is_determined`."""
-    state_jacobian: Float[Array, "T+1 n p"]
+    state_jacobian: Float[Array, "stages n p"]
     """Derivative of the joint trajectory by the free parameters."""
     status: Int[Array, ""]
     """`Status.SOLVED` when some start found a fit whose game was solved."""
@@ -64,7 +64,7 @@ class Estimate(NamedTuple):
         return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
 
     @property
-    def state_deviation(self) -> tuple[Float[Array, "T+1 _"], ...]:
+    def state_deviation(self) -> tuple[Float[Array, "stages _"], ...]:
         """Standard deviation of the trajectory that `covariance` implies, per player."""
         rates = self.state_jacobian
         variance = np.einsum("tnp,pq,tnq->tn", rates, self.covariance, rates)
@@ -223,7 +223,13 @@ def _finish(problem: Problem, data: Data, base: Parameters, fit: Fit) -> tuple[A
     parameters = coordinates.unpack(fit.values, base)
     zero = jnp.zeros(())
     raw = Equilibrium(
-        fit.point, jnp.zeros_like(fit.point.x), fit.error, zero, zero, jnp.zeros((), int), fit.success
+        fit.point,
+        jnp.zeros_like(fit.point.x),
+        fit.error,
+        zero,
+        zero,
+        jnp.zeros((), int),
+        fit.success,
     )
     solution = to_solution(layout, raw, parameters)
     seen = fit.residual.shape[0] - data.prior_root.shape[0]

@@ -100,9 +100,7 @@ def unevaluated(
     problem: Problem, data: Data, base: Parameters, values: Float[Array, "p"], start: Iterate
 ) -> Fit:
     """A fit of infinite cost at `start`, from which loops begin."""
-    shapes = jax.eval_shape(
-        lambda v, s: evaluate_fit(problem, data, base, v, s), values, start
-    )
+    shapes = jax.eval_shape(lambda v, s: evaluate_fit(problem, data, base, v, s), values, start)
     blank = jax.tree.map(lambda v: jnp.zeros(v.shape, v.dtype), shapes)
     infinite = jnp.asarray(jnp.inf)
     return blank._replace(values=values, cost=infinite, error=infinite, point=start)

@@ -148,9 +148,7 @@ class OnlineEstimator:
         old = state.estimate
         if old is not None and sliding:
             moved = shift(old.solution)
-            old = old._replace(
-                solution=moved, initial_state=tuple(s[0] for s in moved.states)
-            )
+            old = old._replace(solution=moved, initial_state=tuple(s[0] for s in moved.states))
         beliefs = state.beliefs[1:] if sliding else state.beliefs
         return state._replace(
             estimate=old, guess=None, beliefs=beliefs, failures=state.failures + 1

@@ -56,7 +56,9 @@ def prior_terms(
         )
     total = np.diag(weight[free]) + belief
     combined = center.copy()
-    combined[free] = np.linalg.lstsq(total, weight[free] * center[free] + belief @ mean, rcond=None)[0]
+    combined[free] = np.linalg.lstsq(
+        total, weight[free] * center[free] + belief @ mean, rcond=None
+    )[0]
     spectrum, basis = np.linalg.eigh(0.5 * (total + total.T))
     if spectrum[0] < -1e-9 * max(spectrum[-1], 1.0):
         raise ValueError("prior.information: is not positive semidefinite")

@@ -58,10 +58,10 @@ class ReferenceProximity:
 
     def inner(
         self, i: int, t: StageNumber, x: States, u: Controls, theta: Theta
-    ) -> Float[Array, "N-1"]:
+    ) -> Float[Array, "others"]:
         return jnp.where(t < self.horizon, self.cost.inner(i, t, x, u, theta), -1.0)
 
-    def outer(self, value: Float[Array, "N-1"], theta: Theta) -> Scalar:
+    def outer(self, value: Float[Array, "others"], theta: Theta) -> Scalar:
         return self.cost.outer(value, theta)
 
     def __call__(self, i: int, t: StageNumber, x: States, u: Controls, theta: Theta) -> Scalar:

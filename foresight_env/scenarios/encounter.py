@@ -56,11 +56,11 @@ class Crowding:
 
     def inner(
         self, i: int, t: StageNumber, x: States, u: Controls, theta: Theta
-    ) -> Float[Array, "N-1"]:
+    ) -> Float[Array, "others"]:
         wanted = [self.radii[i] + r for j, r in enumerate(self.radii) if j != i]
         return jnp.asarray(wanted) - distances(i, x)
 
-    def outer(self, value: Float[Array, "N-1"], theta: Theta) -> Scalar:
+    def outer(self, value: Float[Array, "others"], theta: Theta) -> Scalar:
         return weight_value(self.weight, theta) * jnp.sum(jnp.maximum(value, 0.0) ** 2)
 
     def __call__(self, i: int, t: StageNumber, x: States, u: Controls, theta: Theta) -> Scalar:

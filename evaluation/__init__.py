@@ -1,0 +1,1 @@
+"""Studies: rollouts, metrics, statistics, results on disk, figures, command line."""

@@ -1,0 +1,201 @@
+"""The command `foresight`: run, evaluate, estimate, demo."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable
+from enum import StrEnum
+from functools import wraps
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+app = typer.Typer(
+    help="Agents that differ in foresight: simulate them, infer it, judge who predicts best.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+
+EGO_NAMES = ("oracle", "foresight", "farsighted", "constant-velocity")
+
+
+class Scenario(StrEnum):
+    """Scenarios that can be run."""
+
+    CROSSWALK = "crosswalk"
+
+
+class Observed(StrEnum):
+    """What agents and estimators see."""
+
+    FULL = "full"
+    POSITIONS = "positions"
+
+
+class Behaviour(StrEnum):
+    """What the agents do that nobody controls."""
+
+    RECEDING = "receding"
+    OPEN_LOOP = "open_loop"
+
+
+def keep_compiled_programs() -> None:
+    """Let JAX keep compiled programs between runs, unless the user has said where or whether."""
+    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(cache / "foresight_env" / "jax"))
+    os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.3")
+
+
+def plain_errors(command: Callable[..., None]) -> Callable[..., None]:
+    """Expected errors end in one line on standard error and exit status 2."""
+
+    @wraps(command)
+    def wrapped(*args: Any, **kwargs: Any) -> None:
+        keep_compiled_programs()
+        try:
+            command(*args, **kwargs)
+        except (ValueError, OSError) as error:
+            typer.echo(f"foresight: {' '.join(str(error).split())}", err=True)
+            raise typer.Exit(2) from error
+        except KeyboardInterrupt:
+            typer.echo("foresight: interrupted; finished trials are kept", err=True)
+            raise typer.Exit(130) from None
+
+    return wrapped
+
+
+def _check_ego(name: str) -> str:
+    if name not in EGO_NAMES:
+        raise typer.BadParameter(f"{name!r} is unknown; choose from {', '.join(EGO_NAMES)}")
+    return name
+
+
+OutOption = Annotated[Path, typer.Option(help="Folder for results and pictures.")]
+PlayersOption = Annotated[int, typer.Option(min=2, max=6, help="Number of agents.")]
+NoiseOption = Annotated[
+    float, typer.Option(min=0.0, help="Noise std of every observed coordinate, m and m/s.")
+]
+WorkersOption = Annotated[
+    int | None,
+    typer.Option(min=0, help="Processes; 0 runs in this one, default one per core."),
+]
+
+
+@app.command()
+@plain_errors
+def run(
+    scenario: Annotated[Scenario, typer.Argument(help="Which scenario.")],
+    ego: Annotated[
+        str, typer.Option(callback=_check_ego, help=f"One of {', '.join(EGO_NAMES)}.")
+    ] = "foresight",
+    seed: Annotated[int, typer.Option(min=0, help="Episode.")] = 0,
+    players: PlayersOption = 2,
+    observation: Annotated[Observed, typer.Option(help="What the ego sees.")] = Observed.FULL,
+    behaviour: Annotated[Behaviour, typer.Option(help="What the others do.")] = Behaviour.RECEDING,
+    noise_std: NoiseOption = 0.05,
+    human: Annotated[bool, typer.Option("--human", help="Show it live in a window.")] = False,
+    out: OutOption = Path("results/run"),
+) -> None:
+    """Run one episode: table, picture, animation, inferred discount factors over time."""
+    from evaluation.demonstration import run_one
+
+    run_one(ego, seed, players, observation.value, behaviour.value, noise_std, human, out)
+
+
+@app.command()
+@plain_errors
+def evaluate(
+    scenario: Annotated[Scenario, typer.Argument(help="Which scenario.")],
+    episodes: Annotated[
+        int, typer.Option(min=0, help="Seeds of the closed-loop study; 0 leaves it out.")
+    ] = 20,
+    levels: Annotated[
+        int, typer.Option(min=0, help="Noise levels of the estimation study; 0 leaves it out.")
+    ] = 6,
+    sequences: Annotated[int, typer.Option(min=1, help="Noisy sequences per level.")] = 10,
+    grid: Annotated[
+        int, typer.Option(min=0, help="Heatmap points per axis; 0 leaves it out.")
+    ] = 41,
+    egos: Annotated[
+        str, typer.Option(help="Comma-separated egos of the closed-loop study.")
+    ] = ",".join(EGO_NAMES),
+    players: PlayersOption = 2,
+    observation: Annotated[
+        Observed, typer.Option(help="What the egos see in the closed loop.")
+    ] = Observed.FULL,
+    noise_std: NoiseOption = 0.05,
+    workers: WorkersOption = None,
+    out: OutOption = Path("results/evaluate"),
+) -> None:
+    """Compare egos in the closed loop, and estimation errors over noise; tables and figures.
+
+    Interrupted studies go on where they stopped. The paper's size is --levels 50 --sequences 50.
+    """
+    names = tuple(_check_ego(n.strip()) for n in egos.split(","))
+    from evaluation.demonstration import evaluate_crosswalk
+
+    evaluate_crosswalk(
+        episodes,
+        levels,
+        sequences,
+        grid,
+        names,
+        players,
+        observation.value,
+        noise_std,
+        workers,
+        out,
+    )
+
+
+@app.command()
+@plain_errors
+def estimate(
+    file: Annotated[
+        Path, typer.Argument(help="A DUT (*_ped_filtered.csv), UCY (obsmat.txt) or inD recording.")
+    ],
+    ids: Annotated[
+        str | None, typer.Option(help="Two agents, such as 'veh:0,ped:6' (DUT) or '16,18' (UCY).")
+    ] = None,
+    count: Annotated[
+        int, typer.Option(min=0, help="Without --ids: how many closest crossings; 0 for all.")
+    ] = 3,
+    recording: Annotated[
+        str | None, typer.Option(help="Number of the recording in an inD folder, such as 07.")
+    ] = None,
+    pictures: Annotated[bool, typer.Option(help="Draw each encounter.")] = True,
+    out: OutOption = Path("results/estimate"),
+) -> None:
+    """Recorded data: infer on the first part of an encounter, predict the rest, compare."""
+    from evaluation.demonstration import estimate_recorded
+
+    agents = None if ids is None else tuple(part.strip() for part in ids.split(","))
+    estimate_recorded(file, agents, count or None, recording, pictures, out)
+
+
+@app.command()
+@plain_errors
+def demo(
+    data: Annotated[
+        Path | None,
+        typer.Option(help="A recording to end on; default: one that the project makes itself."),
+    ] = None,
+    workers: WorkersOption = None,
+    out: OutOption = Path("results/demo"),
+) -> None:
+    """The whole idea in about two minutes: agents, inference, comparison, recorded data."""
+    from evaluation.demonstration import demonstrate
+
+    demonstrate(data, workers, out)
+
+
+def main() -> None:
+    """Entry point."""
+    app()
+
+
+if __name__ == "__main__":
+    sys.exit(app())

@@ -1,0 +1,177 @@
+"""What the commands do, step by step, with words for the reader."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from evaluation import closed_loop, estimation
+from evaluation.closed_loop import ClosedLoop, episode, make_environment, summarise
+from evaluation.episode_pictures import draw_episode
+from evaluation.figures import (
+    closed_loop_summary,
+    error_against_noise,
+    objective_heatmap,
+    recorded_encounter,
+    representative_trial,
+)
+from evaluation.heatmap import heatmap
+from evaluation.recorded import METHODS, encounters, forecast
+from evaluation.sample import write_sample
+from evaluation.tables import print_closed_loop, print_encounters, print_estimation
+
+TRIAL_STD = 0.05
+"""Noise of the representative trial, m and m/s."""
+
+
+def run_one(
+    ego: str,
+    seed: int,
+    players: int,
+    observation: str,
+    behaviour: str,
+    noise_std: float,
+    human: bool,
+    out: Path,
+) -> None:
+    """`foresight run`."""
+    console = Console()
+    setting = ClosedLoop(players, observation, noise_std, behaviour)
+    if human:
+        env = make_environment(setting, "human")
+        from evaluation.episode_pictures import overlay_of
+
+        for step in episode(env, ego, seed):
+            env.set_overlay(overlay_of(step))
+        env.close()
+    _draw(console, ego, seed, setting, out)
+
+
+def _draw(console: Console, ego: str, seed: int, setting: ClosedLoop, out: Path) -> None:
+    with console.status(f"the {ego} ego walks (the first steps compile)"):
+        shown = draw_episode(ego, seed, setting, out)
+    last = shown.steps[-1]
+    table = Table(title=f"One crossing, seed {seed}: ego {ego}")
+    table.add_column("quantity")
+    table.add_column("value", justify="right")
+    ended = "collision" if last.info["collision"] else "time-out"
+    if last.info["is_success"]:
+        ended = "goal reached"
+    table.add_row("end", f"{ended} after {last.info['time']:.1f} s")
+    table.add_row("smallest distance between discs", f"{last.info['min_distance']:.2f} m")
+    for j, (mean, deviation) in last.decision.gammas.items():
+        table.add_row(
+            f"gamma of agent {j}: inferred (90 %), true",
+            f"{mean:.2f} +- {1.645 * deviation:.2f}, {last.info['gamma'][j]:.2f}",
+        )
+    milliseconds = 1e3 * np.array([s.latency for s in shown.steps[2:]])
+    if milliseconds.size:
+        table.add_row("decision, median", f"{np.median(milliseconds):.0f} ms")
+    table.add_row("failed solves", str(sum(s.decision.failed for s in shown.steps)))
+    console.print(table)
+    for path in (shown.animation, shown.still, shown.curve):
+        if path is not None:
+            console.print(f"picture: {path}", soft_wrap=True)
+
+
+def evaluate_crosswalk(
+    episodes: int,
+    levels: int,
+    sequences: int,
+    grid: int,
+    egos: tuple[str, ...],
+    players: int,
+    observation: str,
+    noise_std: float,
+    workers: int | None,
+    out: Path,
+) -> None:
+    """`foresight evaluate crosswalk`."""
+    console = Console()
+    pictures: list[Path] = []
+    if episodes:
+        setting = ClosedLoop(players, observation, noise_std)
+        rows = closed_loop.study(
+            out / "closed_loop", egos, range(episodes), setting, workers=workers
+        )
+        print_closed_loop(console, [summarise(rows, e) for e in egos], rows)
+        pictures.append(closed_loop_summary(rows, egos, out / "closed_loop.png"))
+    if levels:
+        rows = estimation.study(out / "estimation", levels, sequences, workers=workers)
+        print_estimation(console, rows)
+        pictures.append(error_against_noise(rows, out / "error_against_noise.png"))
+        pictures.append(_trial(console, out))
+    if grid:
+        with console.status("heatmap of the objective"):
+            values = heatmap(grid)
+        if values.unsolved:
+            console.print(f"heatmap: {values.unsolved} of {grid**2} games not solved, left blank")
+        pictures.append(objective_heatmap(values, out / "heatmap.png"))
+    for path in pictures:
+        console.print(f"picture: {path}", soft_wrap=True)
+
+
+def _trial(console: Console, out: Path) -> Path:
+    with console.status("representative trial"):
+        seen, _ = estimation.observe("full", TRIAL_STD, 0, "soft")
+        fits = {m: estimation.fit("full", TRIAL_STD, 0, m) for m in estimation.METHODS}
+        return representative_trial(seen, fits, out / "representative_trial.png")
+
+
+def estimate_recorded(
+    file: Path,
+    agents: tuple[str, ...] | None,
+    count: int | None,
+    recording: str | None,
+    pictures: bool,
+    out: Path,
+) -> None:
+    """`foresight estimate`."""
+    console = Console()
+    # Everything that can be wrong with the input is found before anything is written.
+    chosen = encounters(file, agents=agents, count=count, recording_number=recording)
+    results = []
+    with console.status("inferring (the first fit compiles)"):
+        for encounter in chosen:
+            results.append((encounter, [forecast(encounter, m) for m in METHODS]))
+    print_encounters(console, results)
+    if not pictures:
+        return
+    for encounter, forecasts in results:
+        names = "_".join(a.replace(":", "") for a in encounter.interaction.agents)
+        path = recorded_encounter(encounter, forecasts, out / f"{encounter.recording}_{names}.png")
+        console.print(f"picture: {path}", soft_wrap=True)
+
+
+def demonstrate(data: Path | None, workers: int | None, out: Path) -> None:
+    """`foresight demo`."""
+    console = Console()
+    if data is not None:
+        encounters(data, count=2)  # a bad file is reported at once, not after two minutes
+    console.rule("1. An ego infers the other's foresight while it walks")
+    _draw(console, "foresight", 3, ClosedLoop(), out / "episode")
+    console.rule("2. Does it help? Four egos, the same crossings")
+    egos = ("oracle", "foresight", "farsighted", "constant-velocity")
+    rows = closed_loop.study(out / "closed_loop", egos, range(8), workers=workers)
+    print_closed_loop(console, [summarise(rows, e) for e in egos], rows)
+    console.print(f"picture: {closed_loop_summary(rows, egos, out / 'closed_loop.png')}")
+    console.rule("3. How well can foresight be inferred? Error against noise")
+    rows = estimation.study(out / "estimation", 3, 5, observations=("full",), workers=workers)
+    print_estimation(console, rows)
+    console.print(f"picture: {error_against_noise(rows, out / 'error_against_noise.png')}")
+    console.print(f"picture: {_trial(console, out)}")
+    console.rule("4. Recorded data")
+    if data is None:
+        console.print(
+            "No --data given: this recording was made by the project itself, in the DUT format, "
+            "from a game with known discount factors."
+        )
+        with tempfile.TemporaryDirectory() as folder:
+            made = write_sample(Path(folder))
+            estimate_recorded(made, None, 2, None, True, out / "recorded")
+    else:
+        estimate_recorded(data, None, 2, None, True, out / "recorded")

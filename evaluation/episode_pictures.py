@@ -1,0 +1,72 @@
+"""One episode as an animation, a still and a curve."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from PIL import Image
+
+from evaluation.closed_loop import ClosedLoop, Step, episode, make_environment
+from evaluation.figures import gamma_over_time
+from evaluation.store import write_atomically
+from foresight_env.envs.overlay import Overlay
+
+
+class EpisodePictures(NamedTuple):
+    """An episode and the files that show it."""
+
+    steps: list[Step]
+    animation: Path
+    still: Path
+    curve: Path | None
+    """Inferred discount factors over time; None for egos that infer none."""
+
+
+STILL_AT = 1.4
+"""Time (s) of the still: the agents are about to meet."""
+
+
+def overlay_of(step: Step) -> Overlay:
+    """What the ego thought at this step, for the scene."""
+    decision, truth = step.decision, step.info["gamma"]
+    return Overlay(
+        predicted=dict(decision.predicted),
+        planned=decision.planned,
+        gammas=dict(decision.gammas),
+        truth_gammas={j: float(truth[j]) for j in decision.gammas},
+    )
+
+
+def draw_episode(ego: str, seed: int, setting: ClosedLoop, folder: Path) -> EpisodePictures:
+    """Run one episode and write `episode.gif`, `episode.png` and `gammas.png` into `folder`."""
+    folder.mkdir(parents=True, exist_ok=True)
+    env = make_environment(setting, "rgb_array")
+    frames, steps = [], []
+    try:
+        for step in episode(env, ego, seed):
+            env.set_overlay(overlay_of(step))
+            frames.append(Image.fromarray(env.render()))
+            steps.append(step)
+    finally:
+        env.close()
+    dt = env.scene.dt
+    still = frames[min(round(STILL_AT / dt), len(frames) - 1)]
+    paths = folder / "episode.gif", folder / "episode.png"
+    buffer = io.BytesIO()
+    small = [f.resize((f.width * 2 // 3, f.height * 2 // 3)).quantize(64) for f in frames]
+    small[0].save(
+        buffer, "gif", save_all=True, append_images=small[1:], duration=round(1e3 * dt), loop=0
+    )
+    write_atomically(paths[0], buffer.getvalue())
+    buffer = io.BytesIO()
+    still.save(buffer, "png")
+    write_atomically(paths[1], buffer.getvalue())
+    curve = None
+    if ego != "oracle" and any(s.decision.gammas for s in steps):
+        times = dt * np.arange(len(steps))
+        gammas = [s.decision.gammas for s in steps]
+        curve = gamma_over_time(times, gammas, steps[0].info["gamma"], folder / "gammas.png")
+    return EpisodePictures(steps, paths[0], paths[1], curve)

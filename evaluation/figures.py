@@ -1,0 +1,233 @@
+"""Figures, drawn without a display and written atomically. Colours: Okabe and Ito (2008)."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from evaluation.estimation import LEAST_STD, bound, joint, truth
+from evaluation.heatmap import Heatmap
+from evaluation.recorded import Encounter, Forecast
+from evaluation.store import Row, write_atomically
+from foresight_env.inverse import Estimate
+from foresight_env.scenarios.crosswalk import MONTE_CARLO
+
+COLOURS = {
+    "truth": "#000000",
+    "foresight": "#0072B2",
+    "farsighted": "#D55E00",
+    "constant velocity": "#009E73",
+    "constant-velocity": "#009E73",
+    "oracle": "#CC79A7",
+}
+LABELS = {
+    "foresight": "gamma inferred",
+    "farsighted": "gamma = 1",
+    "constant-velocity": "constant velocity",
+    "oracle": "oracle",
+}
+AGENTS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00")
+
+
+def save(figure: Figure, path: Path) -> Path:
+    """Write a PNG at 150 dots per inch."""
+    FigureCanvasAgg(figure)
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=150)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_atomically(path, buffer.getvalue())
+    return path
+
+
+def _metres(axes: Axes) -> None:
+    axes.set_aspect("equal")
+    axes.set_xlabel("x [m]")
+    axes.set_ylabel("y [m]")
+
+
+def representative_trial(
+    seen: Float[np.ndarray, "stages size"], fits: Mapping[str, Estimate], path: Path
+) -> Path:
+    """One noisy sequence, what both methods make of it, and the inferred discount factors."""
+    figure = Figure(figsize=(9.0, 4.2), layout="constrained")
+    scene, bars = figure.subplots(1, 2, width_ratios=(1.5, 1.0))
+    half = seen.shape[1] // 2
+    for i in range(2):
+        places = seen[:, i * half : i * half + 2]
+        scene.plot(*places.T, ".", color="0.6", ms=5, label="observations" if i == 0 else None)
+        true = truth("soft").states[i]
+        scene.plot(
+            *true[:, :2].T, color="black", lw=3, alpha=0.35, label="truth" if i == 0 else None
+        )
+        scene.plot(*true[0, :2], "o", color="black", ms=8)
+        scene.annotate(f"agent {i}", true[0, :2], xytext=(6, 6), textcoords="offset points")
+        goal = MONTE_CARLO.goals[i]
+        scene.plot(*goal, "X", color="black", ms=10, label="true goal" if i == 0 else None)
+    for name, found in fits.items():
+        for i in range(2):
+            label = LABELS[name] if i == 0 else None
+            scene.plot(*found.solution.states[i][:, :2].T, color=COLOURS[name], lw=1.6, label=label)
+            goal = found.theta[i]["goal"]
+            scene.plot(*np.clip(goal, -1.0, 3.0), "x", color=COLOURS[name], ms=8, mew=2)
+    _metres(scene)
+    scene.set_title("crossing: observations and what they imply (x: inferred goals)")
+    scene.legend(fontsize=8, loc="lower center")
+    found = fits["foresight"]
+    for i in range(2):
+        bars.bar(
+            i - 0.2, MONTE_CARLO.gamma[i], 0.38, color="0.75", label="truth" if i == 0 else None
+        )
+        bars.bar(
+            i + 0.2,
+            found.gamma[i],
+            0.38,
+            yerr=1.645 * found.gamma_deviation[i],
+            capsize=4,
+            color=COLOURS["foresight"],
+            label="inferred, 90 % interval" if i == 0 else None,
+        )
+    bars.axhline(1.0, color=COLOURS["farsighted"], ls="--", label="baseline: gamma = 1")
+    bars.set_xticks([0, 1], ["agent 0", "agent 1"])
+    bars.set_ylim(0.0, 1.45)
+    bars.set_ylabel("discount factor gamma")
+    bars.legend(fontsize=8, loc="upper center")
+    return save(figure, path)
+
+
+def error_against_noise(rows: Sequence[Row], path: Path) -> Path:
+    """Mean trajectory error of both methods over noise, with the Cramer-Rao bound."""
+    figure = Figure(figsize=(9.0, 3.8), layout="constrained")
+    observations = [o for o in ("full", "positions") if any(r["observation"] == o for r in rows)]
+    panels = np.atleast_1d(figure.subplots(1, len(observations), sharey=True))
+    for axes, observation in zip(panels, observations, strict=True):
+        for method in ("foresight", "farsighted"):
+            mine = [r for r in rows if r["observation"] == observation and r["method"] == method]
+            stds = sorted({r["std"] for r in mine})
+            grouped = [
+                np.array([r["error_squared"] for r in mine if r["std"] == s and not r["error"]])
+                for s in stds
+            ]
+            mean = np.array([g.mean() for g in grouped])
+            low = np.array([np.percentile(g, 10) for g in grouped])
+            high = np.array([np.percentile(g, 90) for g in grouped])
+            # Noise-free fits sit at the left edge: their error is rounding and the prior's share.
+            floor = 1e-5
+            axes.plot(stds, np.maximum(mean, floor), color=COLOURS[method], label=LABELS[method])
+            axes.fill_between(
+                stds, np.maximum(low, floor), np.maximum(high, floor),
+                color=COLOURS[method], alpha=0.2, lw=0,
+            )  # fmt: skip
+        grid = np.linspace(LEAST_STD, max(r["std"] for r in rows), 100)
+        limit = bound(observation) * grid**2
+        axes.plot(grid, limit, "k--", lw=1.2, label="Cramer-Rao bound")
+        axes.set_yscale("log")
+        axes.set_xlabel("noise standard deviation [m, m/s]")
+        axes.set_title("full state" if observation == "full" else "positions only")
+    panels[0].set_ylabel("trajectory error ||X - X_true||^2")
+    panels[0].legend(fontsize=8)
+    figure.suptitle("mean and 10-90 % band", fontsize=9)
+    return save(figure, path)
+
+
+def objective_heatmap(grid: Heatmap, path: Path) -> Path:
+    """The objective scaled to [0, 1]."""
+    figure = Figure(figsize=(9.0, 4.0), layout="constrained")
+    panels = figure.subplots(1, 2, sharey=True)
+    for axes, values, title in zip(
+        panels, (grid.full, grid.positions), ("full state", "positions only"), strict=True
+    ):
+        low, high = np.nanmin(values), np.nanmax(values)
+        image = axes.pcolormesh(
+            grid.gammas, grid.gammas, (values - low) / (high - low), cmap="viridis", vmin=0, vmax=1
+        )
+        axes.plot(0.6, 0.6, "r+", ms=12, mew=2, label="truth")
+        axes.set_xlabel("gamma of agent 1")
+        axes.set_title(title)
+        axes.set_aspect("equal")
+    panels[0].set_ylabel("gamma of agent 0")
+    panels[0].legend(fontsize=8)
+    figure.colorbar(image, ax=panels, label="objective, scaled to [0, 1]")
+    return save(figure, path)
+
+
+def closed_loop_summary(rows: Sequence[Row], egos: Sequence[str], path: Path) -> Path:
+    """Per ego: every episode's smallest distance, time and cost."""
+    figure = Figure(figsize=(9.0, 3.6), layout="constrained")
+    columns = {
+        "min_distance": "smallest distance between discs [m]",
+        "time": "duration of the episode [s]",
+        "cost": "cost of the ego",
+    }
+    for axes, (column, label) in zip(figure.subplots(1, 3), columns.items(), strict=True):
+        for k, ego in enumerate(egos):
+            values = np.array([r[column] for r in rows if r["ego"] == ego and not r["error"]])
+            # A fixed spread keeps equal values apart without hiding any.
+            place = k + 0.25 * np.sin(2.4 * np.arange(len(values)))
+            axes.plot(place, values, ".", color=COLOURS[ego], alpha=0.6, ms=5)
+            axes.plot([k - 0.3, k + 0.3], [values.mean()] * 2, color="black", lw=2)
+        axes.set_xticks(range(len(egos)), [LABELS[e].replace(" ", "\n") for e in egos], fontsize=8)
+        axes.set_title(label, fontsize=9)
+    figure.suptitle("episodes (dots) and means (bars)", fontsize=9)
+    return save(figure, path)
+
+
+def gamma_over_time(
+    times: Sequence[float],
+    gammas: Sequence[Mapping[int, tuple[float, float]]],
+    true: Float[np.ndarray, "N"],
+    path: Path,
+) -> Path:
+    """Inferred discount factors of one episode with 90 % intervals."""
+    figure = Figure(figsize=(6.0, 3.2), layout="constrained")
+    axes = figure.subplots()
+    for j in sorted({j for g in gammas for j in g}):
+        known = [(t, *g[j]) for t, g in zip(times, gammas, strict=True) if j in g]
+        t, mean, deviation = np.array(known).T
+        axes.plot(t, mean, color=AGENTS[j], label=f"agent {j}, inferred")
+        axes.fill_between(
+            t, mean - 1.645 * deviation, mean + 1.645 * deviation, color=AGENTS[j], alpha=0.2, lw=0
+        )
+        axes.axhline(true[j], color=AGENTS[j], ls="--", label=f"agent {j}, true")
+    axes.set_ylim(0.0, 1.5)
+    axes.set_xlabel("time [s]")
+    axes.set_ylabel("discount factor gamma")
+    axes.legend(fontsize=8)
+    return save(figure, path)
+
+
+def recorded_encounter(encounter: Encounter, forecasts: Sequence[Forecast], path: Path) -> Path:
+    """What was seen, what happened, and what each method predicted."""
+    figure = Figure(figsize=(7.0, 5.0), layout="constrained")
+    axes = figure.subplots()
+    agents = encounter.interaction.agents
+    for a, name in enumerate(agents):
+        seen = encounter.observed[:, a, :2]
+        later = np.where(encounter.present[:, a, None], encounter.truth[:, a, :2], np.nan)
+        axes.plot(*seen.T, ".", color="0.5", label="observed" if a == 0 else None)
+        axes.plot(
+            *np.concatenate([seen[-1:], later]).T, "-", color="black", lw=4, alpha=0.3,
+            label="what happened" if a == 0 else None,
+        )  # fmt: skip
+        axes.annotate(name, seen[-1], xytext=(5, 5), textcoords="offset points")
+    for found in forecasts:
+        label = LABELS.get(found.method, found.method)
+        told = f"{label} (ADE {found.average_error:.2f} m, FDE {found.final_error:.2f} m)"
+        for a in range(len(agents)):
+            start = encounter.observed[-1, a, :2][None]
+            line: Any = np.concatenate([start, found.predicted[:, a]])
+            axes.plot(
+                *line.T, ".-", ms=3, lw=1.2, color=COLOURS[found.method],
+                label=told if a == 0 else None,
+            )  # fmt: skip
+    _metres(axes)
+    axes.set_title(f"{encounter.recording}: {agents[0]} and {agents[1]}")
+    axes.legend(fontsize=8)
+    return save(figure, path)

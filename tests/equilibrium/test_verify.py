@@ -1,0 +1,79 @@
+"""`verify` tells equilibria from mere first-order points; random crosswalks are all solved."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from small_games import crossing, crossing_theta
+
+from foresight_env.equilibrium import Status, solve, verify
+from foresight_env.games import DoubleIntegrator, Effort, Game, Player
+from foresight_env.scenarios.crosswalk import crosswalk_game, draw_crossing
+
+
+def test_random_crosswalks_are_solved_and_some_verified():
+    game = crosswalk_game(2, 25, "soft")
+    random = np.random.default_rng(2024)
+    for k in range(20):
+        drawn = draw_crossing(random, 2)
+        found = solve(game, drawn.initial_states, drawn.theta, drawn.gamma)
+        assert found.status == Status.SOLVED, k
+        assert found.residual <= 1e-8
+        if k < 5:
+            checked = verify(game, found, drawn.theta, drawn.gamma)
+            assert checked.is_local_equilibrium
+            assert (checked.curvature > 0).all()
+            assert np.abs(checked.gap).max() < 1e-6
+
+
+def test_a_head_on_stalemate_is_a_saddle():
+    """On one line, symmetric: neither has a reason to step aside, and both would gain by it."""
+    game, theta = crossing("reference"), crossing_theta(np.array([[1.0, 0.0], [0.0, 0.0]]), 20.0)
+    x0 = np.array([[0.0, 0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]])
+    stalemate = solve(game, x0, theta, 0.95)
+    assert stalemate.status == Status.SOLVED
+    assert np.abs(np.stack(stalemate.states)[..., 1]).max() < 1e-9
+    checked = verify(game, stalemate, theta, 0.95)
+    assert not checked.is_local_equilibrium
+    assert (checked.curvature < 0).all()
+
+
+@dataclass(frozen=True)
+class Ring:
+    """Cheapest anywhere one metre from the origin, which is a hilltop."""
+
+    def __call__(self, i, t, x, u, theta):
+        return theta["height"] * (jnp.sum(x[i][:2] ** 2) - 1.0) ** 2
+
+
+@lru_cache
+def ring():
+    return Game((Player(DoubleIntegrator(0.3), (Ring(), Effort(0.01))),), 6)
+
+
+@pytest.mark.parametrize(("start", "expected"), [(0.0, False), (0.8, True)])
+def test_a_maximiser_is_told_from_a_minimiser(start, expected):
+    x0, theta = np.array([[start, 0.0, 0.0, 0.0]]), ({"height": 1.0},)
+    found = solve(ring(), x0, theta, 0.9)
+    assert found.status == Status.SOLVED
+    checked = verify(ring(), found, theta, 0.9)
+    assert bool(checked.is_local_equilibrium) is expected
+    assert (checked.curvature[0] > 0) == expected
+
+
+def test_a_plan_that_is_no_equilibrium_is_refused():
+    x0, theta = np.array([[0.8, 0.0, 0.0, 0.0]]), ({"height": 1.0},)
+    found = solve(ring(), x0, theta, 0.9)
+    worse = found.point._replace(u=found.point.u + 0.5)
+    checked = verify(ring(), found._replace(point=worse), theta, 0.9)
+    assert not checked.is_local_equilibrium
+    assert checked.gap[0] > 1e-3
+
+
+def test_an_unsolved_game_is_never_an_equilibrium():
+    x0, theta = np.array([[0.8, 0.0, 0.0, 0.0]]), ({"height": 1.0},)
+    found = solve(ring(), x0, theta, 0.9)
+    failed = found._replace(status=np.asarray(int(Status.ITERATION_LIMIT)))
+    assert not verify(ring(), failed, theta, 0.9).is_local_equilibrium

@@ -1,0 +1,60 @@
+"""Motion models against their closed forms."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.linalg import expm
+
+from foresight_env.games import DoubleIntegrator, Dynamics, KinematicBicycle
+
+numbers = st.floats(-5.0, 5.0, width=32)
+
+
+def vectors(size):
+    return st.lists(numbers, min_size=size, max_size=size).map(np.array)
+
+
+def moved(dynamics, state, control):
+    with jax.enable_x64(True):
+        return np.asarray(dynamics(1, jnp.asarray(state), jnp.asarray(control)))
+
+
+@settings(deadline=None, max_examples=30)
+@given(vectors(4), vectors(2), st.sampled_from([0.05, 0.1, 0.24, 1.0]))
+def test_double_integrator_is_the_exact_zero_order_hold(state, control, dt):
+    # d/dt [x, u] = M [x, u]: the matrix exponential holds u constant over dt.
+    continuous = np.zeros((6, 6))
+    continuous[:2, 2:4] = np.eye(2)
+    continuous[2:4, 4:] = np.eye(2)
+    expected = expm(continuous * dt) @ np.concatenate([state, control])
+    np.testing.assert_allclose(
+        moved(DoubleIntegrator(dt), state, control), expected[:4], atol=1e-12
+    )
+
+
+@settings(deadline=None, max_examples=30)
+@given(vectors(4), st.floats(-1.2, 1.2), numbers, st.sampled_from([0.7, 1.0, 2.7]))
+def test_bicycle_is_one_euler_step_of_the_paper(state, steering, acceleration, wheelbase):
+    px, py, speed, heading = state
+    dt = 0.1
+    expected = [
+        px + dt * speed * np.cos(heading),
+        py + dt * speed * np.sin(heading),
+        speed + dt * acceleration,
+        heading + dt * speed * np.tan(steering) / wheelbase,
+    ]
+    actual = moved(KinematicBicycle(dt, wheelbase), state, np.array([acceleration, steering]))
+    np.testing.assert_allclose(actual, expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("dynamics", [DoubleIntegrator(0.1), KinematicBicycle(0.1)])
+def test_linear_is_what_it_says(dynamics):
+    """`linear` lets solvers skip second derivatives: they must vanish, and only then."""
+    with jax.enable_x64(True):
+        point = jnp.array([0.3, -0.2, 1.1, 0.4, 0.5, 0.2])
+        second = jax.jacfwd(jax.jacfwd(lambda v: dynamics(1, v[:4], v[4:])))(point)
+    assert isinstance(dynamics, Dynamics)
+    assert (np.asarray(second) == 0.0).all() == dynamics.linear

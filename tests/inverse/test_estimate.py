@@ -1,0 +1,240 @@
+"""Inference from observations of small games whose parameters are known."""
+
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from small_games import CROSSING_GAMMA, CROSSING_GOALS, CROSSING_STATES, crossing, crossing_theta
+
+from foresight_env.equilibrium import Status, solve
+from foresight_env.games import full_state, positions
+from foresight_env.inverse import Free, GradientDescent, MultiStart, Prior, estimate
+from foresight_env.scenarios.crosswalk import MONTE_CARLO, crosswalk_game
+
+FULL = full_state((4, 4))
+NO_PRIOR = Prior(gamma_weight=0.0)
+TRUTH = np.concatenate([[*CROSSING_GOALS[i], CROSSING_GAMMA[i]] for i in range(2)])
+
+
+@lru_cache
+def played():
+    """(T + 1, 8) joint states of the true equilibrium."""
+    found = solve(crossing(), CROSSING_STATES, crossing_theta(), CROSSING_GAMMA)
+    assert found.status == Status.SOLVED
+    return np.concatenate(found.states, 1)
+
+
+def fit(observations, gamma=(0.8, 0.8), *, model=FULL, covariance=1e-4, prior=NO_PRIOR, **more):
+    arguments = {"initial_state": CROSSING_STATES, "theta": crossing_theta(), **more}
+    return estimate(
+        crossing(),
+        observations,
+        model,
+        gamma=gamma,
+        covariance=covariance,
+        prior=prior,
+        **arguments,
+    )
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_noise_free_observations_give_the_parameters_back(seed):
+    random = np.random.default_rng(seed)
+    start = crossing_theta(CROSSING_GOALS + random.uniform(-0.2, 0.2, (2, 2)))
+    found = fit(played(), random.uniform(0.3, 1.0, 2), theta=start)
+    assert found.status == Status.SOLVED
+    assert found.cost < 1e-8
+    np.testing.assert_allclose(found.values, TRUTH, atol=1e-4)
+    np.testing.assert_allclose(found.gamma, CROSSING_GAMMA, atol=1e-4)
+    np.testing.assert_allclose(found.theta[1]["goal"], CROSSING_GOALS[1], atol=1e-4)
+    assert found.names == (
+        *("goal[0] of 0", "goal[1] of 0", "gamma of 0"),
+        *("goal[0] of 1", "goal[1] of 1", "gamma of 1"),
+    )
+    assert found.determined.all()
+    np.testing.assert_allclose(np.concatenate(found.solution.states, 1), played(), atol=1e-5)
+
+
+def test_covariance_is_the_scatter_of_estimates():
+    random = np.random.default_rng(7)
+    deviation, trials = 1e-3, 60
+    estimates, claimed, states = [], [], []
+    for _ in range(trials):
+        noisy = played() + deviation * random.normal(size=played().shape)
+        found = fit(noisy, CROSSING_GAMMA, covariance=deviation**2)
+        assert found.status == Status.SOLVED
+        estimates.append(found.values)
+        claimed.append(found.covariance)
+        states.append(np.concatenate(found.solution.states, 1))
+    errors, covariance = np.array(estimates) - TRUTH, np.mean(claimed, axis=0)
+    ratio = errors.std(axis=0) / np.sqrt(np.diag(covariance))
+    assert ratio.min() > 0.7
+    assert ratio.max() < 1.35
+    # The normalised squared error is chi-squared with 6 degrees of freedom: mean 6, deviation 0.45.
+    normalised = np.einsum("ki,ij,kj->k", errors, np.linalg.inv(covariance), errors)
+    assert 4.5 < normalised.mean() < 7.5
+    spread = np.concatenate(found.state_deviation, 1)
+    assert (spread[0] == 0.0).all()  # x_1 is known
+    moving = spread > 0.2 * spread.max()
+    ratio = np.std(states, axis=0)[moving] / spread[moving]
+    assert ratio.min() > 0.6
+    assert ratio.max() < 1.5
+    assert (found.deviation == np.sqrt(np.diag(found.covariance))).all()
+    np.testing.assert_array_equal(found.gamma_deviation, found.deviation[[2, 5]])
+
+
+def test_missing_entries_and_a_hidden_agent():
+    random = np.random.default_rng(1)
+    seen = played().copy()
+    seen[5:, 4:] = np.nan  # the second agent is hidden in the second half
+    seen[random.random(seen.shape) < 0.1] = np.nan
+    found = fit(seen, [0.7, 0.9])
+    assert found.status == Status.SOLVED
+    np.testing.assert_allclose(found.values, TRUTH, atol=1e-3)
+    wrong = np.where(np.isnan(seen), np.nan, played() + 0.05)
+    assert fit(wrong, [0.7, 0.9]).cost > 1.0
+    assert (found.deviation > fit(played(), [0.7, 0.9]).deviation).all()
+
+
+def test_the_prior_pulls_towards_its_center():
+    free, weak, strong = (
+        fit(played(), prior=Prior(weight, 0.5)).gamma for weight in (0.0, 1e2, 1e8)
+    )
+    assert (np.abs(free - CROSSING_GAMMA) < 1e-4).all()
+    assert (np.abs(weak - 0.5) < np.abs(free - 0.5)).all()
+    np.testing.assert_allclose(strong, 0.5, atol=1e-3)
+
+
+def test_a_prior_on_parameters_holds_the_callers_values():
+    elsewhere = crossing_theta(CROSSING_GOALS + 0.1)
+    firm, loose = (
+        fit(played(), theta=elsewhere, prior=Prior(0.0, theta_deviation=(("goal", width),)))
+        for width in (1e-6, 1e6)
+    )
+    np.testing.assert_allclose(firm.theta[0]["goal"], CROSSING_GOALS[0] + 0.1, atol=1e-6)
+    np.testing.assert_allclose(loose.theta[0]["goal"], CROSSING_GOALS[0], atol=1e-3)
+
+
+def test_an_earlier_posterior_as_prior():
+    mean = TRUTH + 0.05
+    found = fit(played(), prior=Prior(0.0, mean=mean, information=1e9 * np.eye(6)))
+    np.testing.assert_allclose(found.values, mean, atol=1e-3)
+
+
+def test_gamma_is_open_where_speed_limits_decide():
+    """Far goals: everybody drives flat out, whatever its foresight."""
+    far = np.array([[60.0, 80.0], [-60.0, 80.0]])
+    flat_out = solve(crossing(), CROSSING_STATES, crossing_theta(far), CROSSING_GAMMA)
+    assert flat_out.status == Status.SOLVED
+    found = fit(np.concatenate(flat_out.states, 1), theta=crossing_theta(far), covariance=1e-2)
+    gammas = np.array([name.startswith("gamma") for name in found.names])
+    assert not found.determined[gammas].any()
+
+
+def test_gradient_descent_descends_and_agrees_with_gauss_newton():
+    """Goals only: with foresight known, the problem is nearly linear."""
+    noisy = played() + 0.01 * np.random.default_rng(3).normal(size=played().shape)
+    start = crossing_theta(CROSSING_GOALS + 0.05)
+    held = Prior(0.0, mean=TRUTH, information=np.diag([0.0, 0.0, 1e12, 0.0, 0.0, 1e12]))
+    reference = fit(noisy, CROSSING_GAMMA, covariance=1.0, theta=start, prior=held)
+    found = fit(
+        noisy,
+        CROSSING_GAMMA,
+        covariance=1.0,
+        theta=start,
+        method=GradientDescent(learning_rate=0.02, tolerance=1e-6),
+        free=Free(gamma=False),
+        starts=MultiStart(1),
+    )
+    before = solve(crossing(), CROSSING_STATES, start, CROSSING_GAMMA)
+    begun = np.sum((np.concatenate(before.states, 1) - noisy) ** 2)
+    assert found.cost < 0.9 * begun
+    assert found.cost == pytest.approx(float(reference.cost), rel=1e-3)
+    np.testing.assert_allclose(found.values, reference.values[[0, 1, 3, 4]], atol=2e-3)
+
+
+def test_a_window_predicts_the_rest_and_finds_the_initial_state():
+    """Positions only, five of nine stages; the second player is known."""
+    start = CROSSING_STATES + np.array([[0.02, -0.03, 0.1, -0.1], [0, 0, 0, 0]])
+    found = fit(
+        played()[:5, [0, 1, 4, 5]],
+        [0.8, CROSSING_GAMMA[1]],
+        model=positions((4, 4)),
+        covariance=1e-6,
+        initial_state=start,
+        theta=crossing_theta(CROSSING_GOALS + np.array([[0.1, -0.1], [0, 0]])),
+        free=(Free(initial_state=True), Free((), gamma=False)),
+        starts=MultiStart(3),
+    )
+    assert found.status == Status.SOLVED
+    np.testing.assert_allclose(found.initial_state[0], CROSSING_STATES[0], atol=1e-3)
+    np.testing.assert_array_equal(found.initial_state[1], CROSSING_STATES[1])
+    np.testing.assert_array_equal(found.theta[1]["goal"], CROSSING_GOALS[1])
+    assert found.gamma[1] == CROSSING_GAMMA[1]
+    assert found.gamma_deviation[1] == 0.0
+    assert len(found.names) == 7
+    assert found.names[3:] == tuple(f"x0[{k}] of 0" for k in range(4))
+    for i, states in enumerate(found.solution.states):
+        assert states.shape == (9, 4)
+        np.testing.assert_allclose(states, played()[:, 4 * i : 4 * i + 4], atol=5e-3)
+
+
+def test_farsighted_baseline_has_the_reference_error():
+    """Squared error of the best gamma = 1 fit to the noise-free Monte Carlo crossing: 0.765."""
+    game, setting = crosswalk_game(2, 25, "reference"), MONTE_CARLO
+    truth = solve(game, setting.initial_states, setting.theta, setting.gamma)
+    states = np.concatenate(truth.states, 1)
+    found = estimate(
+        game,
+        states,
+        FULL,
+        initial_state=setting.initial_states,
+        theta=setting.theta,
+        gamma=1.0,
+        free=Free(gamma=False),
+        prior=NO_PRIOR,
+        starts=MultiStart(1),
+    )
+    assert found.status == Status.SOLVED
+    np.testing.assert_array_equal(found.gamma, [1.0, 1.0])
+    error = np.sum((np.concatenate(found.solution.states, 1) - states) ** 2)
+    assert error == pytest.approx(0.765, abs=0.005)
+    assert found.cost == pytest.approx(error, rel=1e-6)
+
+
+SKEW = np.eye(8)
+SKEW[0, 0] = -1.0
+
+
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [
+        ({"observations": np.zeros((9, 7))}, r"observations: have shape \(9, 7\)"),
+        ({"observations": np.zeros(8)}, "observations: have shape"),
+        ({"observations": np.zeros((1, 8))}, "observations: 1 stages"),
+        ({"observations": np.zeros((10, 8))}, "observations: 10 stages"),
+        ({"observations": np.full((9, 8), np.inf)}, "observations: contain infinity"),
+        ({"observations": np.full((9, 8), np.nan)}, "observations: every entry is missing"),
+        ({"covariance": np.ones(8)}, r"covariance: has shape \(8,\)"),
+        ({"covariance": 0.0}, "covariance: is not symmetric positive definite"),
+        ({"covariance": SKEW}, "covariance: is not symmetric positive definite"),
+        ({"covariance": np.eye(8) + np.eye(8, k=1) * 0.5}, "covariance: is not symmetric"),
+        ({"covariance": np.nan}, "covariance"),
+        ({"free": (Free(),)}, "free: has 1 entries"),
+        ({"free": Free(("speed",))}, r"free\[0\].theta: names 'speed'"),
+        ({"free": Free((), gamma=False)}, "free: nothing is free"),
+        ({"prior": Prior(mean=np.ones(1))}, "prior: mean and information belong together"),
+        ({"prior": Prior(mean=np.ones(1), information=np.eye(1))}, "prior: mean"),
+        (
+            {"prior": Prior(mean=np.zeros(6), information=-np.eye(6))},
+            "prior.information: is not positive semidefinite",
+        ),
+        ({"gamma": [0.5, np.nan]}, "gamma: contains NaN"),
+        ({"initial_state": np.zeros((2, 3))}, r"x0\[0\]|initial_state"),
+    ],
+    ids=lambda v: next(iter(v)) if isinstance(v, dict) else "",
+)
+def test_bad_arguments_are_named(change, named):
+    arguments = {"observations": np.zeros((9, 8)), **change}
+    with pytest.raises(ValueError, match=named):
+        fit(arguments.pop("observations"), **arguments)

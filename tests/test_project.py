@@ -1,0 +1,93 @@
+"""The project as a whole: side effects of imports, versions, files, documentation that runs."""
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import foresight_env
+
+ROOT = Path(__file__).resolve().parent.parent
+PACKAGES = ("foresight_env", "agents", "evaluation", "benchmarks", "examples", "tests")
+
+IMPORTS = """
+import json, logging, pkgutil, importlib
+import jax
+compiled = []
+class Count(logging.Handler):
+    def emit(self, record):
+        if "ompiling" in record.getMessage():
+            compiled.append(record.getMessage())
+for name in ("jax._src.interpreters.pxla", "jax._src.dispatch", "jax._src.compiler"):
+    logger = logging.getLogger(name)
+    logger.setLevel(logging.DEBUG)
+    logger.addHandler(Count())
+    logger.propagate = False
+before = dict(jax.config.values)
+import foresight_env
+names = [m.name for m in pkgutil.walk_packages(foresight_env.__path__, "foresight_env.")]
+for name in names:
+    importlib.import_module(name)
+changed = sorted(k for k, v in jax.config.values.items() if before.get(k) != v)
+at_import = len(compiled)
+jax.jit(lambda v: v + 1)(1.0)  # the counter works
+print(json.dumps([changed, at_import, len(compiled) > at_import, names]))
+"""
+
+
+def test_importing_changes_no_configuration_and_compiles_nothing():
+    run = subprocess.run(
+        [sys.executable, "-c", IMPORTS], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    changed, compiled, counts, names = json.loads(run.stdout.splitlines()[-1])
+    assert "foresight_env.inverse.estimate" in names
+    assert changed == []
+    assert compiled == 0
+    assert counts
+
+
+def sources():
+    return [p for name in PACKAGES for p in (ROOT / name).rglob("*.py")]
+
+
+def test_nothing_unpickles():
+    """Files from elsewhere are data, not code."""
+    unsafe = re.compile(r"\bpickle\.loads?\b|\bimport (cloudpickle|dill)\b|allow_pickle\s*=\s*True")
+    here = Path(__file__).resolve()
+    found = [p for p in sources() if p != here and unsafe.search(p.read_text(encoding="utf-8"))]
+    assert len(sources()) > 20
+    assert found == []
+
+
+def test_the_changelog_tells_of_this_version():
+    text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    released = re.findall(r"^## \[(\d+\.\d+\.\d+)\]", text, re.MULTILINE)
+    assert released[0] == foresight_env.__version__
+
+
+def blocks():
+    """Python code blocks of the documentation, file by file."""
+    files = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+    found = {}
+    for path in files:
+        if path.exists():
+            code = re.findall(
+                r"^```python\n(.*?)^```", path.read_text(encoding="utf-8"), re.M | re.S
+            )
+            if code:
+                found[path.relative_to(ROOT).as_posix()] = "\n".join(code)
+    return found
+
+
+@pytest.mark.parametrize("name", list(blocks()))
+def test_documented_code_runs(name, tmp_path, monkeypatch):
+    """All blocks of a file, one after the other, in one namespace."""
+    monkeypatch.chdir(tmp_path)
+    exec(compile(blocks()[name], name, "exec"), {"__name__": "__main__"})
+
+
+def test_there_is_documented_code():
+    assert "docs/defining_a_game.md" in blocks()
