@@ -109,8 +109,13 @@ class Foresight:
         gammas = {
             j: (float(found.gamma[j]), float(spread[j])) for j in range(scene.players) if j != ego
         }
+        ahead = [
+            np.concatenate([u[state.stage :], np.zeros((scene.game.horizon, u.shape[1]))])
+            for u in found.solution.controls
+        ]
+        controls = [u[: scene.game.horizon] for u in ahead]
         decision, plan = plan_equilibrium(
-            scene, ego, now, found.theta, found.gamma, memory.plan, gammas
+            scene, ego, now, found.theta, found.gamma, memory.plan, gammas, [controls, None]
         )
         return decision, memory._replace(plan=plan)
 

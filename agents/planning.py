@@ -1,4 +1,4 @@
-"""Receding-horizon planning that every ego shares: solve, keep the plan, fall back when it fails."""
+"""Receding-horizon planning that every ego shares: solve, keep the plan, else fall back."""
 
 from __future__ import annotations
 
@@ -14,6 +14,10 @@ from foresight_env.equilibrium import Solution, Status, shift, solve
 from foresight_env.equilibrium.best_response import best_response_game, best_response_parameters
 from foresight_env.games import Game
 from foresight_env.games.types import Theta
+
+
+Guess = Solution | Sequence[Float[np.ndarray, "T _"]] | None
+"""Where a plan may start: a solution, everybody's controls, or cold."""
 
 
 class Plan(NamedTuple):
@@ -59,11 +63,12 @@ def _decide(
     else:
         plan = None if previous is None else previous._replace(solution=shift(previous.solution))
     if plan is None:
-        action, path = brake(scene, own_state), None
+        action: np.ndarray = brake(scene, own_state)
+        path: np.ndarray | None = None
     else:
-        action = plan.solution.controls[plan.player][0]
-        path = plan.solution.states[plan.player][1:, :2]
-    action = _within_limits(scene.game, ego, np.asarray(action)).astype(np.float32)
+        action = np.asarray(plan.solution.controls[plan.player][0])
+        path = np.asarray(plan.solution.states[plan.player][1:, :2])
+    action = _within_limits(scene.game, ego, action).astype(np.float32)
     return Decision(action, path, predicted, gammas, not solved), plan
 
 
@@ -75,20 +80,55 @@ def plan_equilibrium(
     gamma: Float[np.ndarray, "N"],
     previous: Plan | None,
     gammas: dict[int, tuple[float, float]],
+    guesses: Sequence[Guess] = (),
 ) -> tuple[Decision, Plan | None]:
-    """Everybody plays the equilibrium of the scene's game; the ego takes its part of it."""
+    """Everybody plays an equilibrium of the scene's game; the ego takes its part of it.
+
+    Solves from the previous plan and from every other guess (None is a cold start). When that leads
+    to several equilibria, who gives way is open, and agents that assume different ones collide or
+    wait for ever: the one is taken that asks the others for the least change of what they are doing.
+    """
     game = scene.game
     bounded = inside_bounds(game, states)
-    guess = None if previous is None else shift(previous.solution)
-    if guess is not None and len(guess.states) != len(game.players):
-        guess = None
-    solution = solve(game, bounded, theta, gamma, guess=guess)
-    if int(solution.status) != Status.SOLVED and guess is not None:
-        solution = solve(game, bounded, theta, gamma)
+    starts: list[Guess] = list(guesses)
+    if previous is not None and len(previous.solution.states) == len(game.players):
+        starts.insert(0, shift(previous.solution))
+    best, least = None, np.inf
+    for start in starts or [None]:
+        solution = solve(game, bounded, theta, gamma, guess=start)
+        if int(solution.status) != Status.SOLVED:
+            best = solution if best is None else best
+            continue
+        change = _change_of_others(scene, ego, bounded, solution)
+        if change < least - SAME_CHANGE:
+            best, least = solution, change
+    if not np.isfinite(least):
+        best = solve(game, bounded, theta, gamma)
+    assert best is not None
     predicted = {}
-    if int(solution.status) == Status.SOLVED:
-        predicted = {j: s[1:, :2] for j, s in enumerate(solution.states) if j != ego}
-    return _decide(scene, ego, solution, ego, previous, bounded[ego], predicted, gammas)
+    if int(best.status) == Status.SOLVED:
+        predicted = {j: s[1:, :2] for j, s in enumerate(best.states) if j != ego}
+    return _decide(scene, ego, best, ego, previous, bounded[ego], predicted, gammas)
+
+
+INERTIA_STEPS = 8
+"""Steps over which equilibria are compared with everybody's going straight on."""
+SAME_CHANGE = 1e-3
+"""Mean squared distance (m^2) below which two equilibria count as the same: the first is kept."""
+
+
+def _change_of_others(
+    scene: Scene, ego: int, states: Sequence[np.ndarray], solution: Solution
+) -> float:
+    """Mean squared distance (m^2) of the others' next steps from going on as they are."""
+    total = 0.0
+    times = scene.dt * np.arange(1, INERTIA_STEPS + 1)[:, None]
+    for j, state in enumerate(states):
+        if j != ego:
+            straight = state[:2] + times * state[2:4]
+            path = solution.states[j][1 : INERTIA_STEPS + 1, :2]
+            total += float(np.mean(np.sum((path - straight[: len(path)]) ** 2, axis=1)))
+    return total
 
 
 def plan_response(

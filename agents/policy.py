@@ -4,8 +4,9 @@
     memory = policy.update(memory, observation, info)   # once per step, before acting
     decision, memory = policy.act(memory)               # decision.action goes to env.step
 
-A policy is a setting without state of its own; everything that changes is in `memory`, so one policy
-may drive several agents. Observations and actions are NumPy arrays as the environment defines them.
+A policy is a setting without state of its own; everything that changes is in `memory`, so one
+policy may drive several agents. Observations and actions are NumPy arrays as the environment
+defines them.
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from evaluation.estimation import LEAST_STD, bound, joint, truth
+from evaluation.estimation import LEAST_STD, bound, truth
 from evaluation.heatmap import Heatmap
 from evaluation.recorded import Encounter, Forecast
 from evaluation.store import Row, write_atomically

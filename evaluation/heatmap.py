@@ -1,4 +1,4 @@
-"""The inverse problem's objective over both discount factors, goals at the truth (paper, figure 4)."""
+"""The inverse objective over both discount factors, goals at the truth (paper, figure 4)."""
 
 from __future__ import annotations
 

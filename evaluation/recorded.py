@@ -40,7 +40,7 @@ AGING = 1.8
 observations say less of what they want now. Chosen, with `NOISE_STD` and `PRIOR`, on DUT clips
 intersection_01, _03, _13 and _17."""
 PRIOR = Prior(gamma_weight=4.0, gamma_center=1.0, theta_deviation=(("velocity", 0.2),))
-"""Weak beliefs: discount factors 1 +- 0.5, wanted velocities within 0.2 m/s of the last one seen."""
+"""Weak beliefs: discount factors 1 +- 0.5, wanted velocities within 0.2 m/s of the last seen."""
 
 
 @dataclass(frozen=True)
@@ -85,8 +85,8 @@ def encounters(
 ) -> tuple[Encounter, ...]:
     """The encounter of two given agents, or those of the `count` closest crossings, in order.
 
-    Pairs that were not both seen long enough around their crossing are passed over, unless they were
-    asked for by id. Raises `RecordingError` for a bad file and `EncounterError` for bad ids.
+    Pairs that were not both seen long enough around their crossing are passed over, unless they
+    were asked for by id. Raises `RecordingError` for a bad file and `EncounterError` for bad ids.
     """
     recording = open_recording(path, recording=recording_number)
     if agents is not None:

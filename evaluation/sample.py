@@ -1,4 +1,4 @@
-"""A small recording that the project makes itself, in the DUT format, for when there is no real one.
+"""A small recording in the DUT format that the project makes itself, for want of a real one.
 
 People cross each other's way; the recording holds what the encounter game with hidden discount
 factors lets them do, plus measurement noise.

@@ -1,7 +1,7 @@
 """Results on disk: Parquet parts written atomically, and a manifest that says what they are of.
 
-A folder belongs to one configuration. An interrupted study goes on where it stopped: trials that have
-a row are not run again.
+A folder belongs to one configuration. An interrupted study goes on where it stopped: trials that
+have a row are not run again.
 """
 
 from __future__ import annotations
@@ -54,7 +54,8 @@ class Store:
             else:
                 if any(self.folder.iterdir()):
                     raise StoreError(
-                        f"{self.folder}: is not empty and has no manifest.json; choose another folder"
+                        f"{self.folder}: is not empty and has no manifest.json; choose another "
+                        "folder"
                     )
                 machine = {"python": platform.python_version(), "machine": platform.machine()}
                 text = json.dumps({**wanted, **machine}, indent=2)

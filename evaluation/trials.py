@@ -59,8 +59,8 @@ def run_trials(
 ) -> list[Row]:
     """Run what `store` does not have yet and return all its rows.
 
-    Rows are written `chunk` at a time, so that an interruption loses little. `workers`: None for one
-    per core, 0 for this process.
+    Rows are written `chunk` at a time, so that an interruption loses little. `workers`: None for
+    one per core, 0 for this process.
     """
     finished = store.finished()
     todo = [t for t in trials if tuple(t[k] for k in store.key) not in finished]

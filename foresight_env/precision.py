@@ -61,9 +61,10 @@ def in_double_precision(function: Callable[P, R]) -> Callable[P, R]:
 def call_in_double(function: Callable[[Any], Any], argument: Any) -> Any:
     """`function(argument)` in double precision, for callers that trace in single precision.
 
-    `argument` and the result are PyTrees of floating arrays (other leaves of the result pass through
-    without derivative). The Jacobian is formed in double precision and handed over as a matrix: the
-    caller's own transposition then never meets a 64-bit operation outside the 64-bit context.
+    `argument` and the result are PyTrees of floating arrays (other leaves of the result pass
+    through without derivative). The Jacobian is formed in double precision and handed over as a
+    matrix: the caller's own transposition then never meets a 64-bit operation outside the 64-bit
+    context.
     """
     leaves, structure = jax.tree.flatten(argument)
     traced = [k for k, leaf in enumerate(leaves) if isinstance(leaf, jax.core.Tracer)]

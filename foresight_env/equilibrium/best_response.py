@@ -101,7 +101,7 @@ def best_response_theta(
 def best_response_parameters(
     game: Game, i: int, own: Theta, others: Mapping[int, Float[np.ndarray, "T _"]]
 ) -> dict[str, Any]:
-    """`theta` of `best_response_game` from predictions: states after stages 1..T of each other player.
+    """`theta` of `best_response_game` from predictions: others' states after stages 1..T.
 
     Others' controls count as zero and their parameters as player i's own.
     """

@@ -1,9 +1,9 @@
 """The equilibrium as a differentiable function of `x0`, `theta` and `gamma`.
 
-Implicit function theorem on the perturbed KKT system (paper, eq. 10, with the active set expressed by
-the barrier): the tangent of the solution solves the Newton system of the solution with the tangent
-of the residual as right-hand side. One factorisation serves all tangents, and JAX transposes the
-stage recursions for reverse mode. Tangents of a solve that failed are NaN.
+Implicit function theorem on the perturbed KKT system (paper, eq. 10, with the active set expressed
+by the barrier): the tangent of the solution solves the Newton system of the solution with the
+tangent of the residual as right-hand side. One factorisation serves all tangents, and JAX
+transposes the stage recursions for reverse mode. Tangents of a solve that failed are NaN.
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from foresight_env.equilibrium.interior_point import (
-    Iterate,
     Options,
     converged,
     evaluate,
@@ -24,11 +23,12 @@ from foresight_env.equilibrium.interior_point import (
     masks_of,
     stage_system,
     start_point,
+    violation,
 )
-from foresight_env.equilibrium.kkt import Parameters
+from foresight_env.equilibrium.kkt import Iterate, Parameters
 from foresight_env.equilibrium.layout import Layout
 from foresight_env.equilibrium.stagewise import factorise, solve_stages
-from foresight_env.games.types import Scalar
+from foresight_env.games.types import AnyArray, Scalar
 
 
 class Equilibrium(NamedTuple):
@@ -46,15 +46,19 @@ class Equilibrium(NamedTuple):
 def _solve(layout: Layout, options: Options, parameters: Parameters, start: Iterate) -> Equilibrium:
     """Attempts until one succeeds; the later ones start nudged (see `Options.attempts`)."""
 
-    def attempt(state):  # type: ignore[no-untyped-def]
+    def attempt(state):
         number, begin, _, spent = state
         exact_below = options.exact_below * 10.0**number
         point, ev, iterations = iterate(layout, parameters, begin, options, exact_below)
-        violated = (ev.residual.low, ev.residual.high, ev.residual.rows)
-        violation = jnp.max(jnp.stack([jnp.max(jnp.abs(v), initial=0.0) for v in violated]))
         spent += iterations
         result = Equilibrium(
-            point, ev.q, ev.error, ev.complementarity, violation, spent, converged(ev, options)
+            point,
+            ev.q,
+            ev.error,
+            ev.complementarity,
+            violation(ev),
+            spent,
+            converged(ev, options),
         )
         # Incommensurable frequencies: no two agents are nudged alike, and runs repeat exactly.
         phase = jnp.arange(start.u.size, dtype=start.u.dtype).reshape(start.u.shape)
@@ -62,15 +66,20 @@ def _solve(layout: Layout, options: Options, parameters: Parameters, start: Iter
         again = start_point(layout, parameters, rollout(layout, parameters.x0, u), u, options)
         return number + 1, again, result, spent
 
-    def unsolved(state):  # type: ignore[no-untyped-def]
+    def unsolved(state):
         number, _, result, _ = state
         return (number < options.attempts) & ~result.success
 
+    zero, infinite = jnp.zeros((), int), jnp.asarray(jnp.inf)
     nothing = Equilibrium(
-        start, jnp.zeros_like(start.x), *jnp.full((3,), jnp.inf), jnp.zeros((), int),
+        start,
+        jnp.zeros_like(start.x),
+        infinite,
+        infinite,
+        infinite,
+        zero,
         jnp.zeros((), bool),
-    )  # fmt: skip
-    zero = jnp.zeros((), int)
+    )
     return jax.lax.while_loop(unsolved, attempt, (zero, start, nothing, zero))[2]
 
 
@@ -83,7 +92,7 @@ def equilibrium(
 
 
 @equilibrium.defjvp
-def _equilibrium_jvp(layout, options, primals, tangents):  # type: ignore[no-untyped-def]
+def _equilibrium_jvp(layout, options, primals, tangents):
     parameters, start = primals
     result = equilibrium(layout, options, parameters, start)
     rate = solution_tangent(layout, options, result, parameters, tangents[0])
@@ -153,11 +162,13 @@ def solution_tangent(
     )
 
 
-def rollout(layout: Layout, x0: Float[Array, "n"], u: Float[Array, "T m"]) -> Float[Array, "T n"]:
+def rollout(
+    layout: Layout, x0: Float[AnyArray, "n"], u: Float[AnyArray, "T m"]
+) -> Float[Array, "T n"]:
     """States that controls lead to."""
     dynamics = [p.dynamics for p in layout.game.players]
 
-    def step(x, stage):  # type: ignore[no-untyped-def]
+    def step(x, stage):
         t, control = stage
         parts = zip(dynamics, layout.split_states(x), layout.split_controls(control), strict=True)
         x = jnp.concatenate([f(t, s, c) for f, s, c in parts])

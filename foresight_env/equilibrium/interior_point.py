@@ -1,7 +1,7 @@
 """Primal-dual interior-point method for a game's mixed complementarity problem.
 
-Every inequality `g >= 0` gets a slack and a multiplier with `slack * multiplier = barrier`; Newton's
-method follows that path down to `Options.barrier` with Mehrotra's predictor and corrector
+Every inequality `g >= 0` gets a slack and a multiplier with `slack * multiplier = barrier`;
+Newton's method follows that path down to `Options.barrier` with Mehrotra's predictor and corrector
 (Nocedal and Wright, "Numerical Optimization", 2nd ed., algorithm 14.3). What each iteration solves
 has the size of one stage (module `stagewise`).
 """
@@ -91,6 +91,10 @@ class Loop(NamedTuple):
 EQUALITY_REGULARISATION = 1e-8
 """Proximal term of equality multipliers: keeps the stage matrices regular without a constraint
 qualification; it vanishes at the solution."""
+VIOLATED = 1e-4
+"""Violation above which constraints count as unmet."""
+RUNAWAY_MULTIPLIER = 1e10
+"""Multiplier of an unmet constraint at which the method gives up, before numbers overflow."""
 
 
 def masks_of(layout: Layout) -> Masks:
@@ -142,6 +146,19 @@ def converged(ev: Evaluation, options: Options) -> Bool[Array, ""]:
     So narrow a path makes the solution a function of the parameters alone, start or no start.
     """
     return (ev.error <= options.tolerance) & (ev.complementarity <= 0.01 * options.barrier)
+
+
+def violation(ev: Evaluation) -> Scalar:
+    """Largest violation of a bound or a constraint."""
+    residual = ev.residual
+    parts = (residual.low, residual.high, residual.rows)
+    return jnp.max(jnp.stack([_largest(v) for v in parts]))
+
+
+def largest_multiplier(point: Iterate) -> Scalar:
+    """Largest multiplier of a bound or a constraint."""
+    parts = (point.mult, point.mult_low, point.mult_high)
+    return jnp.max(jnp.stack([_largest(v) for v in parts]))
 
 
 def _largest(values: Array) -> Scalar:
@@ -196,8 +213,8 @@ def dynamics_hessian(
         return jnp.zeros(shape, ev.lin.hessian.dtype)
 
     # x_t itself is not among the unknowns at t = 1, but its column is harmless: dx_1 is given.
-    def stage(t, xp, u, q):  # type: ignore[no-untyped-def]
-        def total(v):  # type: ignore[no-untyped-def]
+    def stage(t, xp, u, q):
+        def total(v):
             x_parts, u_parts = layout.split(v)
             nexts = [
                 p.dynamics(t, s, c)
@@ -348,7 +365,10 @@ def iterate(
     options: Options,
     exact_below: Scalar | float,
 ) -> tuple[Iterate, Evaluation, Int[Array, ""]]:
-    """Run the method from `start`; the caller reads success off the evaluation's errors."""
+    """Run the method from `start`; the caller reads success off the evaluation's errors.
+
+    The point is the last finite one; the error is infinite where the next one was not finite.
+    """
     masks = masks_of(layout)
 
     def convexity_at(loop: Loop) -> Scalar:
@@ -381,11 +401,20 @@ def iterate(
         point = advance(point, step, primal, dual)
         # The next linearisation's curvature is chosen by the present error: one evaluation a step.
         ev = evaluate(layout, masks, point, parameters, convexity, options)
-        return Loop(point, ev, loop.iteration + 1, jnp.isfinite(ev.error))
+        finite = jnp.stack([jnp.all(jnp.isfinite(v)) for v in (ev.error, *point)]).all()
+        # A step that overflowed is not taken: what is returned says how far the method came.
+        point, ev = jax.tree.map(
+            lambda new, old: jnp.where(finite, new, old),
+            (point, ev),
+            (loop.point, loop.evaluation),
+        )
+        return Loop(point, ev, loop.iteration + 1, finite)
 
     def unfinished(loop: Loop) -> Bool[Array, ""]:
+        runaway = largest_multiplier(loop.point) > RUNAWAY_MULTIPLIER
         return (
             ~converged(loop.evaluation, options)
+            & ~(runaway & (violation(loop.evaluation) > VIOLATED))
             & loop.finite
             & (loop.iteration < options.max_iterations)
         )
@@ -394,7 +423,8 @@ def iterate(
     loop = jax.lax.while_loop(
         unfinished, body, Loop(start, first, jnp.zeros((), int), jnp.isfinite(first.error))
     )
-    return loop.point, loop.evaluation, loop.iteration
+    error = jnp.where(loop.finite, loop.evaluation.error, jnp.inf)
+    return loop.point, loop.evaluation._replace(error=error), loop.iteration
 
 
 def start_point(

@@ -1,13 +1,14 @@
 """First-order conditions of a game and their linearisation (paper, eqs. 4 and 5).
 
-Current-value form. Player i's stationarity at stage t is divided by `Gamma^i(t)`, so its costate `q`
-(of its own state; other players' states are not its decision) and its multipliers count in units of
-its own stage cost at t, and only ratios `rho_t = Gamma(t) / Gamma(t - 1)` appear:
+Current-value form. Player i's stationarity at stage t is divided by `Gamma^i(t)`, so its costate
+`q` (of its own state; other players' states are not its decision) and its multipliers count in
+units of its own stage cost at t, and only ratios `rho_t = Gamma(t) / Gamma(t - 1)` appear:
 
     q_t = d_x (c_t - lambda_t' g_t) + rho_{t+1} A_{t+1}' q_{t+1},
     0   = d_u (c_t - lambda_t' g_t) + B_t' q_t.
 
-Costates are eliminated by that recursion, so the unknowns are states, controls, multipliers, slacks.
+Costates are eliminated by that recursion, so the unknowns are states, controls, multipliers,
+slacks.
 """
 
 from __future__ import annotations
@@ -20,17 +21,17 @@ from jaxtyping import Array, Float
 
 from foresight_env.equilibrium.layout import Layout
 from foresight_env.games.costs import Composite
-from foresight_env.games.types import CostFunction, Scalar, Theta
+from foresight_env.games.types import AnyArray, CostFunction, Scalar, Theta
 
 
 class Parameters(NamedTuple):
     """What a game's equilibrium depends on."""
 
-    x0: Float[Array, "n"]
+    x0: Float[AnyArray, "n"]
     """Joint state at t = 1."""
     theta: tuple[Theta, ...]
     """One mapping of cost parameters per player."""
-    gamma: Float[Array, "N"]
+    gamma: Float[AnyArray, "N"]
     """One discount factor per player."""
 
 
@@ -70,7 +71,7 @@ class Linearisation(NamedTuple):
     penalty: Float[Array, "K"]
 
 
-def discount_ratios(layout: Layout, gamma: Float[Array, "N"]) -> Float[Array, "T N"]:
+def discount_ratios(layout: Layout, gamma: Float[AnyArray, "N"]) -> Float[Array, "T N"]:
     """`Gamma(t) / Gamma(t - 1)` for t = 1..T."""
     stages = jnp.arange(layout.game.horizon, dtype=gamma.dtype)
     columns = [
@@ -121,7 +122,7 @@ def _stage_cost(
     return cost.outer(_partly_linear(inner, w, at, convexity), theta)
 
 
-def _partly_linear(function, w: Array, at: Array, convexity: Scalar) -> Array:  # type: ignore[no-untyped-def]
+def _partly_linear(function, w: Array, at: Array, convexity: Scalar) -> Array:
     value, slope = jax.jvp(function, (at,), (w - at,))
     return convexity * (value + slope) + (1.0 - convexity) * function(w)
 
@@ -145,7 +146,7 @@ def linearise(
     previous = jnp.concatenate([parameters.x0[None], point.x[:-1]])
     w = jnp.concatenate([point.x, point.u], axis=1)
 
-    def lagrangian(i, t, w, at, scale, mult, row_share):  # type: ignore[no-untyped-def]
+    def lagrangian(i, t, w, at, scale, mult, row_share):
         player = game.players[i]
         total = jnp.zeros(())
         for cost in player.costs:
@@ -160,7 +161,7 @@ def linearise(
             total -= jnp.sum(own * mult * values)
         return total
 
-    def pseudo_gradient(w, t, at, scale, mult, row_share):  # type: ignore[no-untyped-def]
+    def pseudo_gradient(w, t, at, scale, mult, row_share):
         x_parts, u_parts = [], []
         for i in range(len(game.players)):
             sx = layout.state_slices[i]
@@ -168,7 +169,7 @@ def linearise(
                 layout.n + layout.control_slices[i].start, layout.n + layout.control_slices[i].stop
             )
 
-            def own(wx, wu, i=i, sx=sx, su=su):  # type: ignore[no-untyped-def]
+            def own(wx, wu, i=i, sx=sx, su=su):
                 return lagrangian(i, t, w.at[sx].set(wx).at[su].set(wu), at, scale, mult, row_share)
 
             gx, gu = jax.grad(own, argnums=(0, 1))(w[sx], w[su])
@@ -177,7 +178,7 @@ def linearise(
         gradient = jnp.concatenate([*x_parts, *u_parts])
         return gradient, gradient
 
-    def stage(t, w, xp, scale, mult, row_share):  # type: ignore[no-untyped-def]
+    def stage(t, w, xp, scale, mult, row_share):
         hessian, gradient = jax.jacfwd(pseudo_gradient, has_aux=True)(
             w, t, w, scale, mult, row_share
         )
@@ -208,7 +209,7 @@ def linearise(
 def costates(lin: Linearisation, n: int) -> Float[Array, "T n"]:
     """Each player's current-value costate of its own state, by the backward recursion."""
 
-    def step(carry, stage):  # type: ignore[no-untyped-def]
+    def step(carry, stage):
         gradient_x, a, rho = stage
         q = gradient_x + carry
         return rho * (a.T @ q), q

@@ -9,12 +9,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from itertools import pairwise
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from foresight_env.games.constraints import Bounds, SharedInequality
+from foresight_env.games.constraints import Bounds, Equality, Inequality
 from foresight_env.games.costs import Weight, weight_value
 from foresight_env.games.game import Game
 from foresight_env.games.types import Controls, States, Theta
@@ -120,9 +121,9 @@ class Layout:
         x, u = self.split(w)
         parts = [jnp.zeros(0, w.dtype)]
         for i, player in enumerate(self.game.players):
-            for constraint in (*player.inequalities, *player.equalities):
+            own: tuple[Inequality | Equality, ...] = (*player.inequalities, *player.equalities)
+            for constraint in own:
                 parts.append(jnp.asarray(constraint.function(i, t, x, u, thetas[i])))
-        shared: SharedInequality
         for shared in self.game.shared:
             parts.append(jnp.asarray(shared.function(t, x, u, thetas)))
         return jnp.concatenate(parts)
@@ -149,7 +150,7 @@ class Row:
 
 def _slices(sizes: tuple[int, ...]) -> tuple[slice, ...]:
     ends = np.cumsum((0, *sizes))
-    return tuple(slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True))
+    return tuple(slice(int(a), int(b)) for a, b in pairwise(ends))
 
 
 @lru_cache(maxsize=256)

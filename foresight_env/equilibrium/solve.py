@@ -17,33 +17,40 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from foresight_env.equilibrium.implicit import Equilibrium, cold_start, equilibrium, rollout
-from foresight_env.equilibrium.interior_point import Options, masks_of, start_point
+from foresight_env.equilibrium.interior_point import (
+    VIOLATED,
+    Options,
+    largest_multiplier,
+    masks_of,
+    start_point,
+)
 from foresight_env.equilibrium.kkt import Iterate, Parameters
 from foresight_env.equilibrium.layout import Layout, layout_of
 from foresight_env.equilibrium.status import SolveError, Status
 from foresight_env.equilibrium.validation import BOUND_SLACK, check_parameters
 from foresight_env.games.game import Game
-from foresight_env.games.types import Scalar, Theta
+from foresight_env.games.types import AnyArray, Scalar, Theta
 from foresight_env.precision import call_in_double, is_traced, to_double, to_numpy
 
 
 class Solution(NamedTuple):
     """An equilibrium, or an honest failure (`status`)."""
 
-    states: tuple[Float[Array, "stages _"], ...]
+    states: tuple[Float[AnyArray, "stages _"], ...]
     """Per player, `x_1` (given) to `x_{T+1}`."""
-    controls: tuple[Float[Array, "T _"], ...]
+    controls: tuple[Float[AnyArray, "T _"], ...]
     """Per player, `u_1` to `u_T`."""
-    status: Int[Array, ""]
+    status: Int[AnyArray, ""]
     """A `Status`; anything but `Status.SOLVED` (0) must not be acted on."""
-    residual: Scalar
+    residual: Float[AnyArray, ""]
     """Largest entry of the scaled KKT residual: stationarity in current value, dynamics,
     constraints, and complementarity products."""
-    iterations: Int[Array, ""]
+    iterations: Int[AnyArray, ""]
     """Newton steps, all attempts together."""
-    margin: Scalar
-    """Strict-complementarity margin, `min max(slack, multiplier)` over all inequalities. Below about
-    1e-3 the active set is about to change and derivatives are those of the smoothed problem."""
+    margin: Float[AnyArray, ""]
+    """Strict-complementarity margin, `min max(slack, multiplier)` over all inequalities. Below
+    about 1e-3 the active set is about to change and derivatives are those of the smoothed
+    problem."""
     point: Iterate
     """Multipliers and slacks, for warm starts."""
 
@@ -68,27 +75,16 @@ def complementarity_margin(layout: Layout, point: Iterate) -> Scalar:
 
 
 def _status(layout: Layout, raw: Equilibrium, parameters: Parameters) -> Int[Array, ""]:
-    point, n = raw.point, layout.n
+    n = layout.n
     low, high = layout.bounds
     state = parameters.x0
     outside = jnp.any(state < low[0, :n] - BOUND_SLACK) | jnp.any(state > high[0, :n] + BOUND_SLACK)
     finite = jnp.stack([jnp.all(jnp.isfinite(v)) for v in jax.tree.leaves(parameters)]).all()
-    multiplier = jnp.max(
-        jnp.stack(
-            [
-                jnp.max(jnp.abs(v), initial=0.0)
-                for v in (point.mult, point.mult_low, point.mult_high)
-            ]
-        )
-    )
+    # Infeasibility comes first: it is what makes multipliers grow, in the end until they overflow.
     failed = jnp.where(
-        ~jnp.isfinite(raw.error),
-        Status.DIVERGED,
-        jnp.where(
-            (raw.violation > 1e-4) & (multiplier > 1e3),
-            Status.INFEASIBLE,
-            Status.ITERATION_LIMIT,
-        ),
+        (raw.violation > VIOLATED) & (largest_multiplier(raw.point) > 1e3),
+        Status.INFEASIBLE,
+        jnp.where(jnp.isfinite(raw.error), Status.ITERATION_LIMIT, Status.DIVERGED),
     )
     outcome = jnp.where(raw.success, Status.SOLVED, failed)
     return jnp.where(outside | ~finite, Status.INVALID_INPUT, outcome)
@@ -109,15 +105,16 @@ def to_solution(layout: Layout, raw: Equilibrium, parameters: Parameters) -> Sol
 
 
 def begin(
-    layout: Layout, options: Options, parameters: Parameters, start: Iterate | Array | None
+    layout: Layout, options: Options, parameters: Parameters, start: Iterate | AnyArray | None
 ) -> Iterate:
-    """Where a solve starts: cold (None), controls (T, m), or an iterate of a similar game (warm)."""
+    """Where a solve starts: cold (None), controls (T, m), or a similar game's iterate (warm)."""
     if start is None:
         return cold_start(layout, options, parameters)
     if isinstance(start, Iterate):
         return warm_start(layout, parameters, start, options)
-    states = rollout(layout, parameters.x0, start)
-    return start_point(layout, parameters, states, start, options)
+    controls = jnp.asarray(start)
+    states = rollout(layout, parameters.x0, controls)
+    return start_point(layout, parameters, states, controls, options)
 
 
 # Starts are compiled apart from the solve, so that cold and warm ones share its one program.
@@ -125,7 +122,7 @@ _begin_jit = jax.jit(begin, static_argnums=(0, 1))
 
 
 def solve_joint(
-    layout: Layout, options: Options, parameters: Parameters, start: Iterate | Array | None
+    layout: Layout, options: Options, parameters: Parameters, start: Iterate | AnyArray | None
 ) -> Equilibrium:
     """Solve on joint arrays, double precision taken for granted: the part that others compose."""
     return equilibrium(layout, options, parameters, begin(layout, options, parameters, start))
@@ -139,18 +136,18 @@ def _solve_jit(
 
 
 def _solve_from(
-    layout: Layout, options: Options, parameters: Parameters, start: Iterate | Array | None
+    layout: Layout, options: Options, parameters: Parameters, start: Iterate | AnyArray | None
 ) -> Solution:
     return _solve_jit(layout, options, parameters, _begin_jit(layout, options, parameters, start))
 
 
 WARM_BARRIER = 1e-4
-"""Complementarity product to which a warm start backs off: at the solution's own product the path is
-too narrow to follow a change of parameters."""
+"""Complementarity product to which a warm start backs off: at the solution's own product the path
+is too narrow to follow a change of parameters."""
 
 
 def warm_start(layout: Layout, parameters: Parameters, point: Iterate, options: Options) -> Iterate:
-    """A start near another game's solution: its trajectory and its multipliers, off the boundary."""
+    """A start near another game's solution: its trajectory and multipliers, off the boundary."""
     near = replace(options, start_barrier=WARM_BARRIER)
     fresh = start_point(layout, parameters, point.x, point.u, near)
     masks = masks_of(layout)
@@ -231,12 +228,12 @@ def solve(
             raise SolveError(Status(int(result.status)), float(result.residual))
         return result
     start = jax.tree.map(jax.lax.stop_gradient, start)
-    if jax.config.jax_enable_x64:
+    if jnp.result_type(float) == jnp.float64:  # the caller traces in double precision
         return _solve_from(layout, options, to_double(parameters), to_double(start))
     return call_in_double(lambda p: _solve_from(layout, options, *p), (parameters, start))
 
 
-def _check_guess(layout: Layout, guess: Any) -> Iterate | Array | None:
+def _check_guess(layout: Layout, guess: Any) -> Iterate | AnyArray | None:
     """A guess as joint arrays: an iterate, or controls (T, m)."""
     horizon = layout.game.horizon
     if guess is None:

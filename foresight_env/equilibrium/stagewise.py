@@ -6,8 +6,8 @@ Solves, for all stages t and given right-hand sides,
     0    = Hux dx_{t+1} + Huu du_t + B_t' dq_t + d(B_t)' q_t + r_u,
     dx_{t+1} = A_t dx_t + B_t du_t + d_t,
 
-whose solution has the form `du_t = K_t dx_t + k_t`, `dq_t = P_t dx_{t+1} + Hxu du_t + p_t`. H is not
-symmetric: its rows belong to different players.
+whose solution has the form `du_t = K_t dx_t + k_t`, `dq_t = P_t dx_{t+1} + Hxu du_t + p_t`. H is
+not symmetric: its rows belong to different players.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def factorise(system: StageSystem) -> Factor:
     """Backward matrix recursion."""
     n = system.a.shape[1]
 
-    def step(carry, s):  # type: ignore[no-untyped-def]
+    def step(carry, s):
         h, f, a, b, rho = s
         p = h[:n, :n] + carry
         left = h[n:, :n] + b.T @ p
@@ -74,7 +74,7 @@ def solve_stages(
 ) -> tuple[Float[Array, "T n"], Float[Array, "T m"]]:
     """`dx_{t+1}`, `du_t` for one right-hand side; `vmap` over several."""
 
-    def backward(y, s):  # type: ignore[no-untyped-def]
+    def backward(y, s):
         rx, ru, d, inverse, left, back, value, a, b, rho = s
         p = rx + y
         k = -inverse @ (left @ d + b.T @ p + ru)
@@ -88,7 +88,7 @@ def solve_stages(
         reverse=True,
     )  # fmt: skip
 
-    def forward(dx, s):  # type: ignore[no-untyped-def]
+    def forward(dx, s):
         gain, k, a, b, d = s
         du = gain @ dx + k
         dx = a @ dx + b @ du + d

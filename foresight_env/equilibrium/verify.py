@@ -30,22 +30,23 @@ from foresight_env.equilibrium.status import Status
 from foresight_env.equilibrium.validation import check_parameters
 from foresight_env.games.game import Game
 from foresight_env.games.stage import stage_cost
-from foresight_env.games.types import Scalar, Theta
+from foresight_env.games.types import AnyArray, Scalar, Theta
 from foresight_env.precision import to_double, to_numpy
 
 
 class Verification(NamedTuple):
     """What `verify` found; arrays have one entry per player."""
 
-    is_local_equilibrium: Bool[Array, ""]
+    is_local_equilibrium: Bool[AnyArray, ""]
     """Solved, curvature not negative, and no local improvement."""
-    gap: Float[Array, "N"]
+    gap: Float[AnyArray, "N"]
     """Cost minus that of the best response found from the equilibrium itself (a local search), both
-    in current value at the first stage; at most rounding when nobody can improve."""
-    cold_gap: Float[Array, "N"]
+    in current value at the first stage; at most rounding when nobody can improve. It does not tell
+    a saddle, on which the local search may fall back: `curvature` does."""
+    cold_gap: Float[AnyArray, "N"]
     """The same from a cold start: positive when another local optimum (say, passing on the other
     side) would be better. -inf where that search failed."""
-    curvature: Float[Array, "N"]
+    curvature: Float[AnyArray, "N"]
     """Smallest eigenvalue of the player's Lagrangian Hessian on the free subspace, stages scaled to
     current value. Negative: a saddle, not a local equilibrium."""
 
@@ -53,7 +54,7 @@ class Verification(NamedTuple):
 def player_cost(
     layout: Layout, i: int, x: Float[Array, "T n"], u: Float[Array, "T m"], parameters: Parameters
 ) -> Scalar:
-    """Player i's cost in current value at stage 1, `J^i / Gamma^i(1)`, elastic penalties included."""
+    """Player i's cost in current value at stage 1, `J^i / Gamma^i(1)`, with elastic penalties."""
     ratios = discount_ratios(layout, parameters.gamma)[:, i]
     weight = jnp.concatenate([jnp.ones(1), jnp.cumprod(ratios[1:])])
 
@@ -76,15 +77,7 @@ def _curvature(layout: Layout, options: Options, parameters: Parameters, point: 
     def step(carry: Array, s: Any) -> tuple[Array, tuple[Array, Array]]:
         t, a, b, rho = s
         before = jnp.sqrt(rho)[:, None] * carry
-        own = (
-            jnp.zeros((m, horizon * m))
-            .at[:, :]
-            .set(
-                jax.lax.dynamic_update_slice(
-                    jnp.zeros((m, horizon * m)), jnp.eye(m), (jnp.zeros((), int), t * m)
-                )
-            )
-        )
+        own = jnp.eye(horizon * m)[t * m + jnp.arange(m)]
         after = a @ before + b @ own
         return after, (jnp.concatenate([after, own]), jnp.concatenate([before, own]))
 

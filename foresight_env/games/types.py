@@ -5,10 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
+import jax
+import numpy as np
 from jaxtyping import Array, Float, Int
 
 Scalar = Float[Array, ""]
 """A real number as a JAX scalar."""
+
+AnyArray = jax.Array | np.ndarray
+"""What users meet: NumPy from concrete calls, JAX in calls that are themselves traced."""
 
 StageNumber = Int[Array, ""] | int
 """Stage `t` in 1..T."""

@@ -28,9 +28,9 @@ from foresight_env.precision import to_numpy
 class CramerRao(NamedTuple):
     """Bounds at the true parameters for noise of variance 1 on every observed entry."""
 
-    covariance: Float[Array, "p p"]
+    covariance: Float[np.ndarray, "p p"]
     """Of the free parameters; multiply by the noise variance."""
-    trajectory: Float[Array, ""]
+    trajectory: Float[np.ndarray, ""]
     """Of the trajectory error `E||X_hat - X||^2` over all stages and state entries."""
     names: tuple[str, ...]
 

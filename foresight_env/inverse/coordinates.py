@@ -31,8 +31,8 @@ class Free:
 class Coordinates:
     """All parameters that may be estimated, as one vector: per player `theta`, gamma, `x_1`.
 
-    Which of them *are* estimated is a mask, known only at run time: the same compiled program serves
-    the ego's estimator, the gamma = 1 baseline and a known initial state.
+    Which of them *are* estimated is a mask, known only at run time: the same compiled program
+    serves the ego's estimator, the gamma = 1 baseline and a known initial state.
     """
 
     layout: Layout
@@ -72,7 +72,8 @@ class Coordinates:
         parts = [jnp.zeros(0)]
         for i, names in enumerate(self.sizes):
             parts += [jnp.ravel(jnp.asarray(parameters.theta[i][name])) for name, _ in names]
-            parts += [parameters.gamma[i : i + 1], parameters.x0[self.layout.state_slices[i]]]
+            own = self.layout.state_slices[i]
+            parts += [jnp.asarray(parameters.gamma[i : i + 1]), jnp.asarray(parameters.x0[own])]
         return jnp.concatenate(parts)
 
     def unpack(self, values: Float[Array, "p"], parameters: Parameters) -> Parameters:

@@ -22,7 +22,7 @@ from foresight_env.equilibrium.status import Status
 from foresight_env.equilibrium.validation import check_parameters
 from foresight_env.games.game import Game
 from foresight_env.games.observations import ObservationModel
-from foresight_env.games.types import Scalar, Theta
+from foresight_env.games.types import Theta
 from foresight_env.inverse.coordinates import Coordinates, Free
 from foresight_env.inverse.fit import Data, Fit, Problem, trajectory_jacobian, unevaluated
 from foresight_env.inverse.gauss_newton import GaussNewton
@@ -36,35 +36,35 @@ class Estimate(NamedTuple):
     """Estimated parameters, how certain they are, and the trajectory that they imply."""
 
     theta: tuple[Theta, ...]
-    gamma: Float[Array, "N"]
-    initial_state: tuple[Float[Array, "_"], ...]
+    gamma: Float[np.ndarray, "N"]
+    initial_state: tuple[Float[np.ndarray, "_"], ...]
     solution: Solution
     """The equilibrium at the estimate: the past explained, the rest of the horizon predicted."""
-    cost: Scalar
+    cost: Float[np.ndarray, ""]
     """Value of the objective (paper, problem 1, prior included)."""
     names: tuple[str, ...]
     """Names of the p free parameters, in the order of `values` and `covariance`."""
-    values: Float[Array, "p"]
-    covariance: Float[Array, "p p"]
+    values: Float[np.ndarray, "p"]
+    covariance: Float[np.ndarray, "p p"]
     """Laplace approximation: inverse of the Gauss-Newton information, prior included."""
-    determined: Array
-    """(p,) False where the data leave a parameter open; see `is_determined`."""
-    state_jacobian: Float[Array, "stages n p"]
+    determined: Bool[np.ndarray, "p"]
+    """False where the data leave a parameter open; see `is_determined`."""
+    state_jacobian: Float[np.ndarray, "stages n p"]
     """Derivative of the joint trajectory by the free parameters."""
-    status: Int[Array, ""]
+    status: Int[np.ndarray, ""]
     """`Status.SOLVED` when some start found a fit whose game was solved."""
-    iterations: Int[Array, ""]
+    iterations: Int[np.ndarray, ""]
     """Forward solves, all starts together."""
-    start_costs: Float[Array, "S"]
+    start_costs: Float[np.ndarray, "S"]
     """Objective reached from each start (infinite where the solve failed)."""
 
     @property
-    def deviation(self) -> Float[Array, "p"]:
+    def deviation(self) -> Float[np.ndarray, "p"]:
         """Standard deviation of each free parameter."""
         return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
 
     @property
-    def state_deviation(self) -> tuple[Float[Array, "stages _"], ...]:
+    def state_deviation(self) -> tuple[Float[np.ndarray, "stages _"], ...]:
         """Standard deviation of the trajectory that `covariance` implies, per player."""
         rates = self.state_jacobian
         variance = np.einsum("tnp,pq,tnq->tn", rates, self.covariance, rates)
@@ -72,7 +72,7 @@ class Estimate(NamedTuple):
         return tuple(np.split(np.sqrt(np.maximum(variance, 0.0)), ends, axis=1))
 
     @property
-    def gamma_deviation(self) -> Float[Array, "N"]:
+    def gamma_deviation(self) -> Float[np.ndarray, "N"]:
         """Standard deviation of each discount factor; 0 where it is fixed."""
         out = np.zeros(len(self.gamma))
         for name, value in zip(self.names, self.deviation, strict=True):
@@ -87,7 +87,7 @@ class MultiStart:
 
     The landscape has local minima and flat valleys: from one random start 2 to 5 fits of 8 find the
     best minimum. The first start is the caller's; the others take discount factors from a
-    low-discrepancy sequence over `gamma_range`, and the caller's other parameters.
+    low-discrepancy sequence over `gamma_range`, and other parameters from the best fit before them.
     """
 
     count: int = 6
@@ -142,8 +142,8 @@ def check_observations(
         )
     if not 2 <= values.shape[0] <= horizon + 1:
         raise ValueError(
-            f"observations: {values.shape[0]} stages; a game of horizon {horizon} has states x_1 to "
-            f"x_{horizon + 1}, and two are the least to infer from"
+            f"observations: {values.shape[0]} stages; a game of horizon {horizon} has states x_1 "
+            f"to x_{horizon + 1}, and two are the least to infer from"
         )
     if np.isinf(values).any():
         raise ValueError("observations: contain infinity; mark missing entries as NaN")
@@ -162,8 +162,12 @@ def check_observations(
     whiten = np.zeros((count, size, size))
     for t, sigma in enumerate(np.broadcast_to(matrix, (count, size, size))):
         index = np.flatnonzero(seen[t])
+        block = sigma[np.ix_(index, index)]
         try:
-            root = np.linalg.cholesky(sigma[np.ix_(index, index)])
+            # The factorisation reads only one triangle, and NaN passes through it.
+            if not np.allclose(block, block.T, rtol=1e-8, atol=0.0):
+                raise np.linalg.LinAlgError("not symmetric")
+            root = np.linalg.cholesky(block)
         except np.linalg.LinAlgError as error:
             raise ValueError(
                 "covariance: is not symmetric positive definite; noise-free data take a small "
@@ -200,16 +204,21 @@ def _run(
     that costs more than it saves.
     """
 
-    def more(state):  # type: ignore[no-untyped-def]
+    def more(state):
         return state[0] < count
 
-    def one(state):  # type: ignore[no-untyped-def]
+    def one(state):
         number, best, solves, costs = state
-        fit, spent = method.run(problem, data, base, starts[number], begin)
+        # Other parameters begin at the best fit so far: where the caller's guess of them is poor,
+        # all starts would otherwise fall into the same local minimum.
+        kept = is_gamma | (number == 0) | ~jnp.isfinite(best.cost)
+        values = jnp.where(kept, starts[number], best.values)
+        fit, spent = method.run(problem, data, base, values, begin)
         better = fit.cost < best.cost
         best = jax.tree.map(lambda new, old: jnp.where(better, new, old), fit, best)
         return number + 1, best, solves + spent, costs.at[number].set(fit.cost)
 
+    is_gamma = jnp.asarray(problem.coordinates.is_gamma)
     nothing = unevaluated(problem, data, base, starts[0], begin)
     zero = jnp.zeros((), int)
     costs = jnp.full(starts.shape[0], jnp.inf)
@@ -268,8 +277,8 @@ def estimate(
 
     Args:
         game: the game that is played over the whole horizon T.
-        observations: (K, size) of `h(x_1), ..., h(x_K)`, 2 <= K <= T + 1; NaN where missing (an agent
-            that is seen late or occluded). Stages after K are predicted.
+        observations: (K, size) of `h(x_1), ..., h(x_K)`, 2 <= K <= T + 1; NaN where missing (an
+            agent that is seen late or occluded). Stages after K are predicted.
         model: the observation model `h`.
         initial_state: per-player `x_1`: known, or where to start when free.
         theta: per-player parameters: fixed, or where to start.
@@ -304,10 +313,7 @@ def estimate(
         data = Data(values, whiten, mean, root, chosen.astype(float))
         initial = starts.spread(begin, coordinates.is_gamma & chosen)
         padded = np.pad(initial, ((0, MOST_STARTS - len(initial)), (0, 0)), mode="edge")
-        if guess is None:
-            point = _tracked(problem, data, parameters)
-        else:
-            point = Iterate(*guess.point)
+        point = _tracked(problem, data, parameters) if guess is None else Iterate(*guess.point)
         fit, count, costs = _run(
             problem, method, data, parameters, padded, np.asarray(len(initial)), point
         )

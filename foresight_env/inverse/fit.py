@@ -19,21 +19,21 @@ from foresight_env.equilibrium.kkt import Iterate, Parameters
 from foresight_env.equilibrium.layout import Layout
 from foresight_env.equilibrium.solve import solve_joint
 from foresight_env.games.observations import ObservationModel
-from foresight_env.games.types import Scalar
+from foresight_env.games.types import AnyArray, Scalar
 from foresight_env.inverse.coordinates import Coordinates
 
 
 class Data(NamedTuple):
     """What was seen, and what was believed before."""
 
-    values: Float[Array, "K size"]
+    values: Float[AnyArray, "K size"]
     """Observations of `x_1..x_K`; missing entries hold 0."""
-    whiten: Float[Array, "K size size"]
+    whiten: Float[AnyArray, "K size size"]
     """`Sigma_t^{-1/2}` on the entries that were seen, zero rows for missing ones."""
-    prior_mean: Float[Array, "p"]
-    prior_root: Float[Array, "q p"]
+    prior_mean: Float[AnyArray, "p"]
+    prior_root: Float[AnyArray, "q p"]
     """Square root of the prior's information: its cost is `||root (v - mean)||^2`."""
-    free: Float[Array, "p"]
+    free: Float[AnyArray, "p"]
     """1 where a parameter is estimated, 0 where it keeps its value."""
 
 
@@ -65,13 +65,13 @@ def limits(problem: Problem, data: Data) -> tuple[Float[Array, "p"], Float[Array
     return jnp.where(data.free > 0, low, -jnp.inf), jnp.where(data.free > 0, high, jnp.inf)
 
 
-def predicted(problem: Problem, x0: Array, x: Float[Array, "T n"], count: int) -> Array:
+def predicted(problem: Problem, x0: AnyArray, x: Float[Array, "T n"], count: int) -> Array:
     """`h(x_1), ..., h(x_count)`."""
     states = jnp.concatenate([x0[None], x])[:count]
     return jax.vmap(lambda s: problem.model(problem.layout.split_states(s)))(states)
 
 
-def residuals(problem: Problem, data: Data, values: Array, x0: Array, x: Array) -> Array:
+def residuals(problem: Problem, data: Data, values: Array, x0: AnyArray, x: Array) -> Array:
     """Whitened observation errors, then the prior's."""
     errors = predicted(problem, x0, x, data.values.shape[0]) - data.values
     seen = jnp.einsum("kij,kj->ki", data.whiten, errors)
@@ -126,7 +126,7 @@ def residual_jacobian(
     problem: Problem,
     data: Data,
     values: Array,
-    x0: Array,
+    x0: AnyArray,
     x: Array,
     rates: tuple[Array, Array],
 ) -> Float[Array, "r p"]:

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from foresight_env.equilibrium.kkt import Iterate, Parameters
-from foresight_env.games.types import Scalar
+from foresight_env.games.types import AnyArray, Scalar
 from foresight_env.inverse.fit import Data, Fit, Problem, evaluate_fit, limits, unevaluated
 
 
@@ -40,7 +40,7 @@ class GaussNewton:
         low, high = limits(problem, data)
 
         def unfinished(state: _State) -> Bool[Array, ""]:
-            return ~state.done & (state.count <= self.max_iterations)
+            return ~state.done & (state.solves <= self.max_iterations)
 
         def body(state: _State) -> _State:
             fit = state.fit
@@ -49,33 +49,33 @@ class GaussNewton:
             gain = fit.cost - trial.cost
             still = jnp.max(jnp.abs(state.trial - fit.values)) <= self.step_tolerance
             finished = still | (better & (gain <= self.cost_tolerance * fit.cost))
-            first = state.count == 0
+            first = state.solves == 0
             finished = jnp.where(first, ~trial.success, finished)
             damping = jnp.where(better, jnp.maximum(state.damping * 0.2, 1e-9), state.damping * 6.0)
             damping = jnp.where(first, state.damping, damping)
             chosen = jax.tree.map(lambda new, old: jnp.where(better, new, old), trial, fit)
             step = damped_step(chosen, damping, low, high, data.free)
             trial_values = jnp.clip(chosen.values + step, low, high)
-            return _State(chosen, trial_values, damping, state.count + 1, finished)
+            return _State(chosen, trial_values, damping, state.solves + 1, finished)
 
         values = jnp.clip(values, low, high)
         nothing = unevaluated(problem, data, base, values, start)
         zero = jnp.zeros((), int)
         begin = _State(nothing, values, jnp.asarray(1e-2), zero, jnp.zeros((), bool))
         end = jax.lax.while_loop(unfinished, body, begin)
-        return end.fit, end.count
+        return end.fit, end.solves
 
 
 class _State(NamedTuple):
     fit: Fit
     trial: Float[Array, "p"]
     damping: Scalar
-    count: Int[Array, ""]
+    solves: Int[Array, ""]
     done: Bool[Array, ""]
 
 
 def damped_step(
-    fit: Fit, damping: Scalar, low: Array, high: Array, free: Array
+    fit: Fit, damping: Scalar, low: Array, high: Array, free: AnyArray
 ) -> Float[Array, "p"]:
     """Damped Gauss-Newton step; entries pushed against their limit are frozen."""
     gradient = fit.jacobian.T @ fit.residual

@@ -34,11 +34,11 @@ class GradientDescent:
         low, high = limits(problem, data)
         values = jnp.clip(values, low, high)
 
-        def unfinished(state):  # type: ignore[no-untyped-def]
+        def unfinished(state):
             _, _, count, moved = state
             return (moved > self.tolerance) & (count <= self.max_iterations)
 
-        def body(state):  # type: ignore[no-untyped-def]
+        def body(state):
             fit, values, count, _ = state
             trial = evaluate_fit(problem, data, base, values, fit.point)
             chosen = jax.tree.map(lambda new, old: jnp.where(trial.success, new, old), trial, fit)

@@ -117,21 +117,32 @@ class OnlineEstimator:
         if guess is not None and sliding:
             guess = shift(guess)
         careful = state.estimate is None or len(observations) < self.careful_updates + 2
-        found = estimate(
-            self.game,
-            padded,
-            self.model,
-            initial_state=initial,
-            theta=state.theta,
-            gamma=state.gamma,
-            free=self.free,
-            covariance=self.covariance,
-            prior=self._prior(state, sliding),
-            method=self.method,
-            starts=MultiStart(self.starts if careful else 1),
-            guess=guess,
-            options=self.options,
-        )
+        prior = self._prior(state, sliding)
+
+        def fit(start: Solution | None, count: int) -> Estimate:
+            return estimate(
+                self.game,
+                padded,
+                self.model,
+                initial_state=initial,
+                theta=state.theta,
+                gamma=state.gamma,
+                free=self.free,
+                covariance=self.covariance,
+                prior=prior,
+                method=self.method,
+                starts=MultiStart(count),
+                guess=start,
+                options=self.options,
+            )
+
+        # A game may have several equilibria. The last one is where the present one is expected, the
+        # observations may by now speak for another: both are fitted, the better fit wins.
+        found = fit(None, self.starts if careful else 1)
+        if guess is not None:
+            again = fit(guess, 1)
+            if int(again.status) == Status.SOLVED and again.cost <= found.cost:
+                found = again
         if int(found.status) != Status.SOLVED or not np.isfinite(found.covariance).all():
             return self._keep(state, sliding)
         beliefs = (*state.beliefs, self._belief(found, len(observations)))[-self.window :]

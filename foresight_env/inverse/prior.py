@@ -12,7 +12,7 @@ from foresight_env.inverse.coordinates import Coordinates
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """`gamma_weight * ||gamma - gamma_center||^2` (paper, section VI-E), and a Gaussian on the rest.
+    """`gamma_weight * ||gamma - gamma_center||^2` (paper, section VI-E), a Gaussian on the rest.
 
     `gamma_center` = 1 believes in farsighted players, 0 in short-sighted ones. `mean` and
     `information` (p,), (p, p), over all free parameters in the order of `Estimate.names`, add a

@@ -36,8 +36,8 @@ CONTROL_WEIGHT = 0.1
 COLLISION_WEIGHT = 5.0
 MINIMUM_DISTANCE = 1.0
 MARGIN = 1.2
-"""The paper's `delta`: it compares squared distances with `delta * d_min`, both given in metres; with
-these values agents keep 1.095 m apart."""
+"""The paper's `delta`: it compares squared distances with `delta * d_min`, both given in metres;
+with these values agents keep 1.095 m apart."""
 REFERENCE_DISTANCE = 1.2
 """The reference implementation's proximity begins at this distance, m."""
 COLLISION_DISTANCE = 0.5

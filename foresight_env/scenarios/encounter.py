@@ -1,8 +1,8 @@
 """An encounter on open ground, for recordings: people and vehicles keep their pace and make way.
 
 Every agent has a velocity that it would keep (where it is heading and how fast), pays for changing
-it, and pays for coming too close. Double integrators serve people and, over a few seconds, vehicles.
-Units: metres, seconds.
+it, and pays for coming too close. Double integrators serve people and, over a few seconds,
+vehicles. Units: metres, seconds.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class Cruise:
 
 @dataclass(frozen=True)
 class Crowding:
-    """`w * sum_j max(0, r_i + r_j - ||p_i - p_j||)^2` with radii `r` of everybody's personal space."""
+    """`w * sum_j max(0, r_i + r_j - ||p_i - p_j||)^2`, `r` the radii of everybody's space."""
 
     radii: tuple[float, ...]
     weight: Weight
