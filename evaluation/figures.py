@@ -78,8 +78,8 @@ def representative_trial(
             goal = found.theta[i]["goal"]
             scene.plot(*np.clip(goal, -1.0, 3.0), "x", color=COLOURS[name], ms=8, mew=2)
     _metres(scene)
-    scene.set_title("crossing: observations and what they imply (x: inferred goals)")
-    scene.legend(fontsize=8, loc="lower center")
+    scene.set_title("what noisy observations imply (x: inferred goals)", fontsize=10)
+    scene.legend(fontsize=8, loc="center")
     found = fits["foresight"]
     for i in range(2):
         bars.bar(
@@ -96,6 +96,7 @@ def representative_trial(
         )
     bars.axhline(1.0, color=COLOURS["farsighted"], ls="--", label="baseline: gamma = 1")
     bars.set_xticks([0, 1], ["agent 0", "agent 1"])
+    bars.set_title("inferred discount factors", fontsize=10)
     bars.set_ylim(0.0, 1.45)
     bars.set_ylabel("discount factor gamma")
     bars.legend(fontsize=8, loc="upper center")

@@ -29,7 +29,7 @@ OBSERVED = 9
 """Observations before the prediction starts: 3.2 s."""
 PREDICTED = 10
 """Predicted steps: 4 s."""
-LEAD_SECONDS = 1.0
+LEAD_SECONDS = 2.0
 """The prediction starts this long before the first agent reaches the crossing point."""
 METHODS = ("foresight", "farsighted", "constant velocity")
 

@@ -10,52 +10,62 @@ from rich.table import Table
 
 from evaluation.closed_loop import Summary, paired_difference
 from evaluation.estimation import LEAST_STD, METHODS, bound
+from evaluation.figures import LABELS
 from evaluation.recorded import Encounter, Forecast
 from evaluation.statistics import Interval, mean_interval
 from evaluation.store import Row
 
 
 def _pm(interval: Interval, digits: int = 2) -> str:
-    return f"{interval.mean:.{digits}f} [{interval.low:.{digits}f}, {interval.high:.{digits}f}]"
+    """Mean and the larger half of its interval: short enough for a narrow terminal."""
+    half = max(interval.high - interval.mean, interval.mean - interval.low)
+    return f"{interval.mean:.{digits}f} ±{half:.{digits}f}"
 
 
 def print_closed_loop(console: Console, summaries: Sequence[Summary], rows: Sequence[Row]) -> None:
-    """One line per ego, then paired differences of foresight against the others."""
-    table = Table(title="Closed loop: the ego walks among short-sighted others (means with 95 %)")
-    for name in (
-        "ego", "episodes", "collisions", "goal reached", "min distance [m]", "smallest [m]",
-        "time to goal [s]", "cost", "decision p50 / p99 [ms]", "failed solves",
-    ):  # fmt: skip
-        table.add_column(name, justify="left" if name == "ego" else "right")
+    """One column per ego, then paired differences of foresight against the others."""
+    table = Table(title="Closed loop: an ego among short-sighted others (means ±95 %)")
+    table.add_column("")
     for s in summaries:
-        count = f"{s.episodes}" + (f" ({s.errors} broke)" if s.errors else "")
-        table.add_row(
-            s.ego, count, str(s.collisions), str(s.reached), _pm(s.min_distance),
-            f"{s.smallest_distance:.2f}", _pm(s.time_to_goal), _pm(s.cost, 1),
-            f"{s.latency_median:.0f} / {s.latency_p99:.0f}", str(s.failures),
-        )  # fmt: skip
+        table.add_column(LABELS[s.ego], justify="right")
+    lines: dict[str, list[str]] = {
+        "episodes": [str(s.episodes) for s in summaries],
+        "collisions": [str(s.collisions) for s in summaries],
+        "goal reached": [str(s.reached) for s in summaries],
+        "timed out": [str(s.time_outs) for s in summaries],
+        "min distance [m]": [_pm(s.min_distance) for s in summaries],
+        "smallest of all [m]": [f"{s.smallest_distance:.2f}" for s in summaries],
+        "time to goal [s]": [_pm(s.time_to_goal) for s in summaries],
+        "cost": [_pm(s.cost, 1) for s in summaries],
+        "decision p50 [ms]": [f"{s.latency_median:.0f}" for s in summaries],
+        "decision p99 [ms]": [f"{s.latency_p99:.0f}" for s in summaries],
+        "failed solves": [str(s.failures) for s in summaries],
+    }
+    if any(s.errors for s in summaries):
+        lines["broken trials"] = [str(s.errors) for s in summaries]
+    for name, cells in lines.items():
+        table.add_row(name, *cells)
     console.print(table)
     names = [s.ego for s in summaries]
     if "foresight" not in names:
         return
+    console.print("gamma inferred minus the others, same seeds (negative cost is better):")
     for other in names:
         if other != "foresight":
             cost = paired_difference(list(rows), "foresight", other, "cost")
             distance = paired_difference(list(rows), "foresight", other, "min_distance")
             console.print(
-                f"foresight minus {other}, same seeds: cost {_pm(cost, 1)}, "
-                f"min distance {_pm(distance)} m"
+                f"  {LABELS[other]}: cost {_pm(cost, 1)}, min distance {_pm(distance)} m"
             )
 
 
 def print_estimation(console: Console, rows: Sequence[Row]) -> None:
     """Mean error per noise level beside the Cramer-Rao bound."""
     table = Table(
-        title="Estimation from one noisy crossing: mean trajectory error ||X - X_true||^2"
+        title="Estimation: mean trajectory error; bound: Cramer-Rao; ratio: inferred to bound"
     )
     for name in (
-        "observed", "noise std", "sequences", "gamma inferred", "gamma = 1", "Cramer-Rao",
-        "inferred / bound", "seconds",
+        "observed", "std", "n", "gamma inferred", "gamma = 1", "bound", "ratio", "s",
     ):  # fmt: skip
         table.add_column(name, justify="left" if name == "observed" else "right")
     keys = sorted({(r["observation"], r["std"]) for r in rows})
@@ -93,22 +103,22 @@ def print_encounters(
     table.add_column("agents")
     names = [f.method for f in results[0][1]]
     for name in names:
-        table.add_column(name, justify="right")
-    table.add_column("inferred gammas", justify="right")
+        table.add_column(LABELS.get(name, name), justify="right")
+    table.add_column("gammas", justify="right")
     for encounter, forecasts in results:
         cells = [
             f"{f.average_error:.2f} / {f.final_error:.2f}" + ("" if f.solved else " (fallback)")
             for f in forecasts
         ]
         table.add_row(
-            encounter.recording, ", ".join(encounter.interaction.agents), *cells, _gammas(forecasts)
+            encounter.recording, "\n".join(encounter.interaction.agents), *cells, _gammas(forecasts)
         )
     console.print(table)
     if len(results) > 1:
         for k, name in enumerate(names):
             average = mean_interval(np.array([f[k].average_error for _, f in results]))
             final = mean_interval(np.array([f[k].final_error for _, f in results]))
-            console.print(f"{name}: mean ADE {_pm(average)} m, mean FDE {_pm(final)} m")
+            console.print(f"{LABELS.get(name, name)}: mean ADE {_pm(average)} m, mean FDE {_pm(final)} m")
 
 
 def _gammas(forecasts: Sequence[Forecast]) -> str:
@@ -117,5 +127,5 @@ def _gammas(forecasts: Sequence[Forecast]) -> str:
             deviation = found.gamma_deviation
             if deviation is not None:
                 pairs = zip(found.gamma, deviation, strict=True)
-                return ", ".join(f"{g:.2f} +- {1.645 * d:.2f}" for g, d in pairs)
+                return "\n".join(f"{g:.2f} ±{1.645 * d:.2f}" for g, d in pairs)
     return "-"
