@@ -1,5 +1,5 @@
 """`python -m evaluation` is the command `foresight`."""
 
-from evaluation.command_line import app
+from evaluation.command_line import main
 
-app(prog_name="foresight")
+main()

@@ -12,6 +12,9 @@ from typing import Annotated, Any
 
 import typer
 
+UsageError = next(c for c in typer.BadParameter.__mro__ if c.__name__ == "UsageError")
+"""Typer does not say whether it brings its own copy of Click; its errors know their parents."""
+
 app = typer.Typer(
     help="Agents that differ in foresight: simulate them, infer it, judge who predicts best.",
     no_args_is_help=True,
@@ -193,9 +196,14 @@ def demo(
 
 
 def main() -> None:
-    """Entry point."""
-    app()
+    """Run the command; whatever is wrong with its arguments is one line, and exit status 2."""
+    try:
+        status = app(standalone_mode=False, prog_name="foresight")
+    except UsageError as error:
+        typer.echo(f"foresight: {' '.join(error.format_message().split())}", err=True)
+        sys.exit(2)
+    sys.exit(status if isinstance(status, int) else 0)
 
 
 if __name__ == "__main__":
-    sys.exit(app())
+    main()

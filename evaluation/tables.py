@@ -54,9 +54,7 @@ def print_closed_loop(console: Console, summaries: Sequence[Summary], rows: Sequ
         if other != "foresight":
             cost = paired_difference(list(rows), "foresight", other, "cost")
             distance = paired_difference(list(rows), "foresight", other, "min_distance")
-            console.print(
-                f"  {LABELS[other]}: cost {_pm(cost, 1)}, min distance {_pm(distance)} m"
-            )
+            console.print(f"  {LABELS[other]}: cost {_pm(cost, 1)}, min distance {_pm(distance)} m")
 
 
 def print_estimation(console: Console, rows: Sequence[Row]) -> None:
@@ -118,7 +116,9 @@ def print_encounters(
         for k, name in enumerate(names):
             average = mean_interval(np.array([f[k].average_error for _, f in results]))
             final = mean_interval(np.array([f[k].final_error for _, f in results]))
-            console.print(f"{LABELS.get(name, name)}: mean ADE {_pm(average)} m, mean FDE {_pm(final)} m")
+            console.print(
+                f"{LABELS.get(name, name)}: mean ADE {_pm(average)} m, mean FDE {_pm(final)} m"
+            )
 
 
 def _gammas(forecasts: Sequence[Forecast]) -> str:
