@@ -1,7 +1,7 @@
-"""The foresight ego: infers the others' goals and discount factors while it walks, and plans with them.
+"""The foresight ego: infers the others' goals and discount factors on its way, and plans with them.
 
-With `infer_gamma=False` it is the baseline that takes everybody for farsighted (gamma = 1): the same
-estimator, observations and planner, one assumption more.
+With `infer_gamma=False` it is the baseline that takes everybody for farsighted (gamma = 1): the
+same estimator, observations and planner, one assumption more.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ class Foresight:
     def _first_guess(
         self, scene: Scene, ego: int, seen: Float[np.ndarray, "size"]
     ) -> tuple[list[dict[str, Any]], Float[np.ndarray, "N"]]:
-        """Own parameters as they are; others have the own weights and wish to stay where they are."""
+        """Own parameters as they are; others share the weights and wish to stay where they are."""
         own = scene.own(ego)
         model = scene.observation_model(ego)
         theta, gamma = [], np.ones(scene.players)
@@ -104,7 +104,7 @@ class Foresight:
             decision, early = ConstantVelocity().act(memory.early)
             return replace(decision, predicted={}), memory._replace(early=early)
         found = state.estimate
-        now = [s[state.stage] for s in found.solution.states]
+        now = [np.asarray(s[state.stage]) for s in found.solution.states]
         spread = found.gamma_deviation
         gammas = {
             j: (float(found.gamma[j]), float(spread[j])) for j in range(scene.players) if j != ego

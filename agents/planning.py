@@ -15,7 +15,6 @@ from foresight_env.equilibrium.best_response import best_response_game, best_res
 from foresight_env.games import Game
 from foresight_env.games.types import Theta
 
-
 Guess = Solution | Sequence[Float[np.ndarray, "T _"]] | None
 """Where a plan may start: a solution, everybody's controls, or cold."""
 
@@ -86,7 +85,8 @@ def plan_equilibrium(
 
     Solves from the previous plan and from every other guess (None is a cold start). When that leads
     to several equilibria, who gives way is open, and agents that assume different ones collide or
-    wait for ever: the one is taken that asks the others for the least change of what they are doing.
+    wait for ever: the one is taken that asks the others for the least change of what they are
+    doing.
     """
     game = scene.game
     bounded = inside_bounds(game, states)
@@ -105,9 +105,9 @@ def plan_equilibrium(
     if not np.isfinite(least):
         best = solve(game, bounded, theta, gamma)
     assert best is not None
-    predicted = {}
+    predicted: dict[int, np.ndarray] = {}
     if int(best.status) == Status.SOLVED:
-        predicted = {j: s[1:, :2] for j, s in enumerate(best.states) if j != ego}
+        predicted = {j: np.asarray(s[1:, :2]) for j, s in enumerate(best.states) if j != ego}
     return _decide(scene, ego, best, ego, previous, bounded[ego], predicted, gammas)
 
 

@@ -1,9 +1,9 @@
 """Estimation on the way: a window of recent observations and what earlier ones taught.
 
-Each update fits the game to the last `window` observations. Everything before the window enters as an
-arrival cost: the posterior of the fit whose window ended where the present one begins, with its state
-carried to that stage, widened by `Drift`. So no observation is counted twice, and parameters may
-change.
+Each update fits the game to the last `window` observations. Everything before the window enters as
+an arrival cost: the posterior of the fit whose window ended where the present one begins, with its
+state carried to that stage, widened by `Drift`. So no observation is counted twice, and parameters
+may change.
 """
 
 from __future__ import annotations
@@ -159,7 +159,9 @@ class OnlineEstimator:
         old = state.estimate
         if old is not None and sliding:
             moved = shift(old.solution)
-            old = old._replace(solution=moved, initial_state=tuple(s[0] for s in moved.states))
+            old = old._replace(
+                solution=moved, initial_state=tuple(np.asarray(s[0]) for s in moved.states)
+            )
         beliefs = state.beliefs[1:] if sliding else state.beliefs
         return state._replace(
             estimate=old, guess=None, beliefs=beliefs, failures=state.failures + 1
@@ -171,7 +173,7 @@ class OnlineEstimator:
         if state.estimate is None:
             return guess_initial_states(self.game, self.model, padded)
         moved = state.estimate.solution.states
-        states = [s[1 if sliding else 0] for s in moved]
+        states = [np.asarray(s[1 if sliding else 0]) for s in moved]
         bounded = []
         for player, s in zip(self.game.players, states, strict=True):
             box = player.state_bounds

@@ -142,7 +142,7 @@ def test_gradient_descent_descends_and_agrees_with_gauss_newton():
         CROSSING_GAMMA,
         covariance=1.0,
         theta=start,
-        method=GradientDescent(learning_rate=0.02, tolerance=1e-6),
+        method=GradientDescent(learning_rate=0.02, max_iterations=1500, tolerance=1e-6),
         free=Free(gamma=False),
         starts=MultiStart(1),
     )
@@ -177,6 +177,29 @@ def test_a_window_predicts_the_rest_and_finds_the_initial_state():
     for i, states in enumerate(found.solution.states):
         assert states.shape == (9, 4)
         np.testing.assert_allclose(states, played()[:, 4 * i : 4 * i + 4], atol=5e-3)
+
+
+def test_starts_do_not_share_a_local_minimum():
+    """The observed part ends far from the goals: from there every discount factor leads to a
+    crossing on which agents keep their distance to the end, which the true one does not."""
+    game, setting = crosswalk_game(2, 10, "soft"), MONTE_CARLO
+    truth = solve(game, setting.initial_states, setting.theta, setting.gamma)
+    states = np.concatenate(truth.states, 1)
+    last = (states[-1, :2], states[-1, 4:6])
+    start = tuple({**t, "goal": seen} for t, seen in zip(setting.theta, last, strict=True))
+    found = estimate(
+        game,
+        states,
+        FULL,
+        initial_state=setting.initial_states,
+        theta=start,
+        gamma=(0.8, 0.8),
+        covariance=1e-4,
+        prior=NO_PRIOR,
+    )
+    assert found.start_costs.max() > 100.0
+    assert found.cost < 1e-6
+    np.testing.assert_allclose(found.gamma, setting.gamma, atol=1e-3)
 
 
 def test_farsighted_baseline_has_the_reference_error():
