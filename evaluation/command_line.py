@@ -12,8 +12,8 @@ from typing import Annotated, Any
 
 import typer
 
-UsageError = next(c for c in typer.BadParameter.__mro__ if c.__name__ == "UsageError")
-"""Typer does not say whether it brings its own copy of Click; its errors know their parents."""
+# Typer brings a copy of Click or not, by its version; its own error derives from the right one.
+UsageError: Any = typer.BadParameter.__mro__[1]
 
 app = typer.Typer(
     help="Agents that differ in foresight: simulate them, infer it, judge who predicts best.",

@@ -95,7 +95,8 @@ class OnlineEstimator:
             raise ValueError("free: an online estimator needs every player's initial state free")
         if self.game.horizon < self.window:
             raise ValueError(
-                f"game: has horizon {self.game.horizon}; expected at least the window, {self.window}"
+                f"game: has horizon {self.game.horizon}; expected at least the window's "
+                f"{self.window}"
             )
         discounts = np.broadcast_to(np.asarray(gamma, float), (len(self.game.players),)).copy()
         return OnlineState((), (), None, None, tuple(theta), discounts, 0)
