@@ -103,7 +103,10 @@ class Store:
 def write_atomically(path: Path, data: bytes) -> None:
     """Write beside `path`, then move: readers see the old file or the new one, never a half."""
     handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    mask = os.umask(0)
+    os.umask(mask)
     try:
+        os.chmod(temporary, 0o666 & ~mask)  # temporary files are private by default, results not
         with os.fdopen(handle, "wb") as file:
             file.write(data)
             file.flush()

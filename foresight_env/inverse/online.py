@@ -60,6 +60,9 @@ class OnlineState(NamedTuple):
     gamma: Float[np.ndarray, "N"]
     failures: int
     """Updates that found no usable fit and kept the previous estimate."""
+    misfit: float = 1.0
+    """How much more than the noise the last fit leaves unexplained, as a ratio of variances, at
+    least 1. Covariances of the estimate are to be multiplied by it (Birge, Phys. Rev. 40, 1932)."""
 
     @property
     def stage(self) -> int:
@@ -146,13 +149,16 @@ class OnlineEstimator:
                 found = again
         if int(found.status) != Status.SOLVED or not np.isfinite(found.covariance).all():
             return self._keep(state, sliding)
-        beliefs = (*state.beliefs, self._belief(found, len(observations)))[-self.window :]
+        seen = int(np.sum(~np.isnan(np.stack(observations))))
+        misfit = max(1.0, float(found.cost) / max(seen - len(found.names), seen // 4, 1))
+        beliefs = (*state.beliefs, self._belief(found, len(observations), misfit))[-self.window :]
         return state._replace(
             estimate=found,
             guess=found.solution,
             theta=found.theta,
             gamma=found.gamma,
             beliefs=beliefs,
+            misfit=misfit,
         )
 
     def _keep(self, state: OnlineState, sliding: bool) -> OnlineState:
@@ -191,14 +197,16 @@ class OnlineEstimator:
         # The belief already contains the first prior; it is not counted again.
         return Prior(gamma_weight=0.0, mean=belief.mean, information=information)
 
-    def _belief(self, found: Estimate, stage: int) -> Belief:
+    def _belief(self, found: Estimate, stage: int, misfit: float) -> Belief:
         """The posterior with its initial states carried to the window's last observed stage."""
         is_state = np.array([name.startswith("x0[") for name in found.names])
         carry = np.eye(len(found.names))
         carry[is_state] = found.state_jacobian[stage - 1]
         mean = found.values.copy()
         mean[is_state] = np.concatenate([s[stage - 1] for s in found.solution.states])
-        return Belief(mean, carry @ found.covariance @ carry.T, self._widening(found.names))
+        return Belief(
+            mean, misfit * carry @ found.covariance @ carry.T, self._widening(found.names)
+        )
 
     def _widening(self, names: Sequence[str]) -> Float[np.ndarray, "p"]:
         kinds = {"gamma": self.drift.gamma, "x0": self.drift.state}
