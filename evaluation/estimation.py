@@ -77,7 +77,7 @@ def observe(
 
 def fit(
     observation: str, std: float, sequence: int, method: str, proximity: Proximity = "soft",
-    starts: int = 4,
+    starts: int = 8,
 ) -> Estimate:  # fmt: skip
     """One estimate from one sequence."""
     game, model = crosswalk_game(2, proximity=proximity), observation_model(observation)
@@ -127,7 +127,7 @@ def study(
     *,
     observations: Sequence[str] = OBSERVATIONS,
     proximity: Proximity = "soft",
-    starts: int = 4,
+    starts: int = 8,
     workers: int | None = None,
 ) -> list[Row]:
     """Run (or finish) the study in `folder`: levels x sequences x observation models x methods."""

@@ -56,7 +56,7 @@ class Estimate(NamedTuple):
     iterations: Int[np.ndarray, ""]
     """Forward solves, all starts together."""
     start_costs: Float[np.ndarray, "S"]
-    """Objective reached from each start (infinite where the solve failed)."""
+    """Objective reached from each start; infinite where solves failed or the start was spared."""
 
     @property
     def deviation(self) -> Float[np.ndarray, "p"]:
@@ -87,10 +87,12 @@ class MultiStart:
 
     The landscape has local minima and flat valleys: from one random start 2 to 5 fits of 8 find the
     best minimum. The first start is the caller's; the others take discount factors from a
-    low-discrepancy sequence over `gamma_range`, and other parameters from the best fit before them.
+    low-discrepancy sequence over `gamma_range`, and other parameters from the caller and from the
+    best fit before them in turn. Starts are spared once a fit explains the observations to within
+    their noise.
     """
 
-    count: int = 6
+    count: int = 8
     gamma_range: tuple[float, float] = (0.3, 1.0)
 
     def spread(
@@ -198,20 +200,29 @@ def _run(
     count: Int[Array, ""],
     begin: Iterate,
 ) -> tuple[Fit, Int[Array, ""], Float[Array, "S"]]:
-    """The best local fit of `count` starts, one after the other.
+    """The best local fit of up to `count` starts, one after the other.
 
-    In lockstep (`vmap`) every start would wait for the slowest solve of the slowest fit; on a CPU
-    that costs more than it saves.
+    In lockstep (`vmap`) every start would wait for the slowest solve of the slowest fit, and none
+    could be spared: the search ends once a fit leaves no more unexplained than the noise would
+    (its cost, a chi-squared sum, is at most its expectation), or once the best one has been found
+    from two starts and is plausible (three deviations).
     """
+    seen = jnp.sum(jnp.any(data.whiten != 0.0, axis=2))
+    expected = jnp.maximum(seen - jnp.sum(data.free), 1.0)
+    plausible = expected + 3.0 * jnp.sqrt(2.0 * expected)
 
     def more(state):
-        return state[0] < count
+        number, best, _, costs = state
+        twice = jnp.sum(costs <= best.cost + 0.01) >= 2
+        done = (best.cost <= expected) | (twice & (best.cost <= plausible))
+        return (number < count) & ~done
 
     def one(state):
         number, best, solves, costs = state
-        # Other parameters begin at the best fit so far: where the caller's guess of them is poor,
-        # all starts would otherwise fall into the same local minimum.
-        kept = is_gamma | (number == 0) | ~jnp.isfinite(best.cost)
+        # Every other start begins at the best fit's other parameters: where the caller's guess of
+        # them is poor, all starts would otherwise fall into the same local minimum.
+        fresh = (number % 2 == 1) | (number == 0) | ~jnp.isfinite(best.cost)
+        kept = is_gamma | fresh
         values = jnp.where(kept, starts[number], best.values)
         fit, spent = method.run(problem, data, base, values, begin)
         better = fit.cost < best.cost

@@ -22,7 +22,7 @@ from foresight_env.inverse.fit import Data, Fit, Problem, evaluate_fit, limits, 
 class GaussNewton:
     """Settings of the default method."""
 
-    max_iterations: int = 40
+    max_iterations: int = 80
     cost_tolerance: float = 1e-7
     """Relative decrease of the cost below which a step counts as the last one."""
     step_tolerance: float = 1e-8
