@@ -42,8 +42,11 @@ FREE = {
 
 
 def noise_levels(count: int) -> Float[np.ndarray, "count"]:
-    """Standard deviations: even steps of the *variance* from 0 to 0.01 m^2, as in the paper."""
-    return np.sqrt(np.linspace(0.0, 0.01, count))
+    """Standard deviations in even steps from 0 to 0.1, variances up to the paper's 0.01 m^2.
+
+    The paper speaks of even steps of the variance; its published results have even deviations.
+    """
+    return np.linspace(0.0, 0.1, count)
 
 
 def observation_model(observation: str) -> ObservationModel:
