@@ -1,0 +1,1 @@
+"""How fast and how accurate: one study per module, `python -m benchmarks` runs them."""

@@ -1,0 +1,67 @@
+"""What a study hands back: a table for the terminal and for Markdown."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+Cell = str | int | float
+Row = dict[str, Cell]
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What was asked for on the command line."""
+
+    console: Console
+    quick: bool
+    data: Path | None
+    """Folder with recordings, for the study that needs one."""
+
+
+@dataclass(frozen=True)
+class Result:
+    """One table with a sentence or two on how to read it."""
+
+    title: str
+    note: str
+    rows: Sequence[Row]
+
+    def show(self, console: Console) -> Result:
+        """Print and return itself."""
+        table = Table(title=self.title, caption=self.note, caption_justify="left")
+        for name in self.rows[0] if self.rows else ():
+            table.add_column(name, justify="right" if number_like(self.rows[0][name]) else "left")
+        for row in self.rows:
+            table.add_row(*(told(value) for value in row.values()))
+        console.print(table)
+        return self
+
+    def markdown(self) -> str:
+        """A section of the document."""
+        lines = [f"## {self.title}", "", self.note, ""]
+        if self.rows:
+            names = list(self.rows[0])
+            lines += [
+                "| " + " | ".join(names) + " |",
+                "|"
+                + "|".join("---:" if number_like(self.rows[0][n]) else "---" for n in names)
+                + "|",
+            ]
+            lines += ["| " + " | ".join(told(v) for v in row.values()) + " |" for row in self.rows]
+            lines.append("")
+        return "\n".join(lines)
+
+
+def number_like(value: Cell) -> bool:
+    """Whether the cell belongs on the right: numbers, and texts that begin with one."""
+    return not isinstance(value, str) or value[:1].isdigit()
+
+
+def told(value: Cell) -> str:
+    """A cell as text: three significant digits are what repeats support."""
+    return f"{value:.3g}" if isinstance(value, float) else str(value)

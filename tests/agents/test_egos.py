@@ -1,0 +1,202 @@
+"""Every registered ego drives; what it decides, remembers, and does when a solve fails."""
+
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from small import HORIZON, STEPS, crossing, drive, ego
+
+import agents.planning
+from agents import EGOS, ConstantVelocity, Decision, Oracle, make_ego
+from agents.planning import inside_bounds
+from foresight_env.equilibrium import Status
+from foresight_env.scenarios.crosswalk import CONTROL_LIMIT, DT, SPEED_LIMIT, crosswalk_game
+
+EGO = "pedestrian_0"
+BLIND = [name for name in EGOS if name != "oracle"]
+
+
+class Poison(Mapping):
+    """An `info` whose values nobody may look at; its keys pass the run-time type checks."""
+
+    def __getitem__(self, key):
+        raise AssertionError(f"looked at {key!r}")
+
+    def __iter__(self):
+        return iter(("state", "gamma", "theta"))
+
+    def __len__(self):
+        return 3
+
+
+def same(one: Decision, other: Decision) -> bool:
+    """Bitwise."""
+
+    def bits(value):
+        return None if value is None else (value.dtype, value.shape, value.tobytes())
+
+    return (
+        bits(one.action) == bits(other.action)
+        and bits(one.planned) == bits(other.planned)
+        and {j: bits(p) for j, p in one.predicted.items()}
+        == {j: bits(p) for j, p in other.predicted.items()}
+        and one.gammas == other.gammas
+        and one.failed == other.failed
+    )
+
+
+@pytest.mark.parametrize("name", EGOS)
+def test_it_drives(name):
+    decisions, infos = drive({EGO: ego(name)})
+    assert len(decisions) == STEPS
+    space = crossing().action_space(EGO)
+    for step, info in zip(decisions, infos, strict=True):
+        decision, state = step[EGO], info[EGO]["state"]
+        assert space.contains(decision.action)  # finite, in bounds, float32
+        assert not decision.failed
+        assert decision.planned.shape == (HORIZON, 2)
+        assert np.isfinite(decision.planned).all()
+        # The plan begins where the agent is, as far as noise lets it know.
+        reach = SPEED_LIMIT * DT + 5 * 0.02 + 0.05 * (name != "oracle")
+        assert (np.abs(decision.planned[0] - state[0, :2]) < reach).all()
+        assert set(decision.predicted) <= {1}
+        for path in decision.predicted.values():
+            assert path.shape == (HORIZON, 2)
+            assert np.isfinite(path).all()
+        assert set(decision.gammas) <= {1}
+        for mean, deviation in decision.gammas.values():
+            assert 0.0 <= mean <= 1.5
+            assert deviation >= 0.0
+    last, truth = decisions[-1][EGO], infos[-1][EGO]
+    assert set(last.predicted) == {1}
+    told = {
+        "oracle": {1: (truth["gamma"][1], 0.0)},
+        "farsighted": {1: (1.0, 0.0)},
+        "constant-velocity": {},
+    }
+    if name == "foresight":
+        assert last.gammas[1][1] > 0.0
+        assert last.gammas[1] != decisions[2][EGO].gammas[1]
+    else:
+        assert last.gammas == told[name]
+    # It gets going: the goal is two metres away.
+    assert np.linalg.norm(infos[-1][EGO]["state"][0, 2:]) > 0.2
+
+
+@pytest.mark.parametrize("name", EGOS)
+def test_the_same_seed_gives_the_same_decisions(name):
+    first, _ = drive({EGO: ego(name)}, seed=5)
+    second, _ = drive({EGO: ego(name)}, seed=5)
+    assert all(same(a[EGO], b[EGO]) for a, b in zip(first, second, strict=True))
+    other, _ = drive({EGO: ego(name)}, seed=6)
+    assert not all(same(a[EGO], b[EGO]) for a, b in zip(first, other, strict=True))
+
+
+@pytest.mark.parametrize("name", EGOS)
+def test_one_policy_drives_two_agents(name):
+    shared = ego(name)
+    names = ("pedestrian_0", "pedestrian_1")
+    together, infos = drive(dict.fromkeys(names, shared), controlled="all")
+    apart, _ = drive({n: ego(name) for n in names}, controlled="all")
+    for one, other in zip(together, apart, strict=True):
+        assert all(same(one[n], other[n]) for n in names)
+    assert set(together[-1]["pedestrian_1"].predicted) == {0}
+    planned = together[-1]["pedestrian_1"].planned[0]
+    assert np.abs(planned - infos[-1]["pedestrian_1"]["state"][1, :2]).max() < 0.3
+
+
+@pytest.mark.parametrize("name", BLIND)
+def test_only_the_oracle_looks_at_the_truth(name):
+    told, _ = drive({EGO: ego(name)})
+    untold, _ = drive({EGO: ego(name)}, poison=Poison())
+    assert all(same(a[EGO], b[EGO]) for a, b in zip(told, untold, strict=True))
+
+
+def test_the_oracle_needs_the_truth():
+    with pytest.raises(AssertionError, match="looked at"):
+        drive({EGO: Oracle()}, poison=Poison())
+
+
+def failing(monkeypatch):
+    real = agents.planning.solve
+
+    def solve(*args, **kwargs):
+        found = real(*args, **kwargs)
+        wrong = tuple(np.full_like(u, np.nan) for u in found.controls)
+        return found._replace(status=np.asarray(int(Status.ITERATION_LIMIT)), controls=wrong)
+
+    monkeypatch.setattr(agents.planning, "solve", solve)
+
+
+@pytest.mark.parametrize("name", EGOS)
+def test_a_failed_solve_continues_the_last_plan(name, monkeypatch):
+    env = crossing(noise_std=0.0)
+    policy = ego(name)
+    observations, infos = env.reset(seed=1)
+    memory = policy.init(env.scene, EGO)
+    for _ in range(3):
+        memory = policy.update(memory, observations[EGO], infos[EGO])
+        decision, memory = policy.act(memory)
+        assert not decision.failed
+        observations, _, _, _, infos = env.step({EGO: decision.action})
+    plan = memory.plan
+    own = plan.solution.controls[plan.player]
+    failing(monkeypatch)
+    for k in (1, 2):
+        memory = policy.update(memory, observations[EGO], infos[EGO])
+        decision, memory = policy.act(memory)
+        assert decision.failed
+        np.testing.assert_array_equal(decision.action, np.float32(own[k]))
+        np.testing.assert_array_equal(
+            decision.planned[: HORIZON - k], plan.solution.states[plan.player][1 + k :, :2]
+        )
+        observations, _, _, _, infos = env.step({EGO: decision.action})
+
+
+@pytest.mark.parametrize("policy", [Oracle(), ConstantVelocity()], ids=lambda p: p.name)
+@pytest.mark.parametrize("velocity", [[0.0, 0.0], [0.5, -0.25]])
+def test_without_a_plan_a_failed_solve_brakes(policy, velocity, monkeypatch):
+    failing(monkeypatch)
+    env = crossing(noise_std=0.0)
+    start = np.array([[2.0, 2.0, *velocity], [0.0, 2.0, 0.0, 0.0]])
+    observations, infos = env.reset(seed=1, options={"initial_states": start})
+    memory = policy.init(env.scene, EGO)
+    memory = policy.update(memory, observations[EGO], infos[EGO])
+    if isinstance(policy, ConstantVelocity):  # velocity takes two observations
+        before = observations[EGO].copy()
+        before[:2] -= DT * np.array(velocity)
+        memory = policy.init(env.scene, EGO)
+        memory = policy.update(memory, before, infos[EGO])
+        memory = policy.update(memory, observations[EGO], infos[EGO])
+    decision, _ = policy.act(memory)
+    assert decision.failed
+    assert decision.planned is None
+    np.testing.assert_allclose(decision.action, -np.array(velocity) / DT, atol=1e-4)
+    assert np.abs(decision.action).max() <= CONTROL_LIMIT
+    assert decision.action.dtype == np.float32
+
+
+def test_states_are_moved_into_their_bounds():
+    game = crosswalk_game(2, HORIZON)
+    states = [np.array([30.0, -30.0, 0.9, -0.9]), np.array([0.0, 0.0, 0.1, 0.2])]
+    moved = inside_bounds(game, states)
+    assert moved[0].tolist() == [30.0, -30.0, SPEED_LIMIT, -SPEED_LIMIT]
+    assert moved[1].tolist() == states[1].tolist()
+
+
+def test_unknown_names():
+    with pytest.raises(
+        ValueError, match=r"ego: 'nobody' is unknown; choose from oracle, foresight"
+    ):
+        make_ego("nobody")
+    env = crossing()
+    env.reset(seed=0)
+    for name in EGOS:
+        assert make_ego(name).name.replace(" ", "-") == name
+        with pytest.raises(ValueError, match="'pedestrian_1' is not controlled"):
+            ego(name).init(env.scene, "pedestrian_1")

@@ -1,0 +1,75 @@
+"""Straight, even motion from a few observations."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from agents.motion import FIT_STEPS, extrapolate, fit_constant_velocity, player_positions
+from foresight_env.envs.scene import own_first
+from foresight_env.scenarios.crosswalk import crosswalk_game
+
+NAN = np.nan
+SMALL = st.floats(-5.0, 5.0)
+
+
+def test_least_squares_by_hand():
+    """Points 0, 1, 1 one second apart: slope 1/2, and 2/3 + 1/2 at the last of them."""
+    track = np.array([[0.0, 5.0], [1.0, 5.0], [1.0, 5.0]])
+    position, velocity = fit_constant_velocity(track, 1.0)
+    np.testing.assert_allclose(position, [7.0 / 6.0, 5.0])
+    np.testing.assert_allclose(velocity, [0.5, 0.0], atol=1e-12)
+
+
+def test_one_observation_means_rest():
+    position, velocity = fit_constant_velocity(np.array([[NAN, NAN], [3.0, 4.0]]), 0.1)
+    assert position.tolist() == [3.0, 4.0]
+    assert velocity.tolist() == [0.0, 0.0]
+
+
+def test_the_present_is_the_last_row_even_where_it_is_missing():
+    track = np.array([[0.0, 0.0], [1.0, 2.0], [NAN, NAN], [NAN, 3.0]])
+    position, velocity = fit_constant_velocity(track, 0.5)
+    np.testing.assert_allclose(velocity, [2.0, 4.0])
+    np.testing.assert_allclose(position, [3.0, 6.0])
+
+
+def test_old_observations_are_forgotten():
+    track = np.zeros((FIT_STEPS + 3, 2))
+    track[:3] = 1e6
+    position, velocity = fit_constant_velocity(track, 0.1)
+    np.testing.assert_allclose([*position, *velocity], 0.0, atol=1e-9)
+
+
+def test_never_seen():
+    with pytest.raises(ValueError, match="track: the agent was never seen"):
+        fit_constant_velocity(np.full((3, 2), NAN), 0.1)
+
+
+@given(st.tuples(SMALL, SMALL), st.tuples(SMALL, SMALL), st.integers(2, 8), st.floats(0.05, 1.0))
+def test_straight_motion_is_found_and_continued(position, velocity, count, dt):
+    times = dt * np.arange(-count + 1, 1)[:, None]
+    track = np.array(position) + times * np.array(velocity)
+    found = fit_constant_velocity(track, dt)
+    np.testing.assert_allclose(found[0], position, atol=1e-9)
+    np.testing.assert_allclose(found[1], velocity, atol=1e-8)
+    ahead = extrapolate(*found, 3, dt)
+    np.testing.assert_allclose(ahead[2, :2], np.array(position) + 3 * dt * np.array(velocity))
+    np.testing.assert_allclose(ahead[:, 2:], np.tile(velocity, (3, 1)), atol=1e-8)
+
+
+def test_extrapolation_by_hand():
+    ahead = extrapolate(np.array([1.0, 2.0]), np.array([1.0, -2.0]), 2, 0.5)
+    np.testing.assert_allclose(ahead, [[1.5, 1.0, 1.0, -2.0], [2.0, 0.0, 1.0, -2.0]])
+
+
+@pytest.mark.parametrize("observation", ["full", "positions"])
+def test_positions_belong_to_their_player(observation):
+    """Agent 2 of 3 sees itself first, then 0, then 1."""
+    model = own_first(observation, crosswalk_game(3, 4), 2)
+    width = model.size // 3
+    row = np.repeat([2.0, 0.0, 1.0], width)
+    row[1::width] += 0.5
+    for player in range(3):
+        seen = player_positions(model, row[None], player)
+        assert seen.tolist() == [[player, player + 0.5]]

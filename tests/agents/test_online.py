@@ -1,0 +1,187 @@
+"""The online estimator: what it finds, keeps and refuses."""
+
+import sys
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from small import HORIZON, WINDOW
+
+import foresight_env.inverse.online as online
+from foresight_env.envs.scene import own_first
+from foresight_env.equilibrium import Status, solve
+from foresight_env.inverse import Free, OnlineEstimator, Prior
+from foresight_env.scenarios.crosswalk import MONTE_CARLO, crosswalk_game, player_theta
+
+GAME = crosswalk_game(2, HORIZON)
+MODEL = own_first("full", GAME, 0)
+GAMMA = np.array([0.5, 0.6])
+STD = 0.002
+FREE = (Free((), False, True), Free(("goal",), True, True))
+LENGTH = 14
+OTHER = slice(4, 8)
+
+
+def estimator(**changes):
+    """Player 0 knows itself and infers goal and discount factor of player 1."""
+    arguments = {
+        "game": GAME,
+        "model": MODEL,
+        "free": FREE,
+        "covariance": STD**2,
+        "window": WINDOW,
+        "prior": Prior(gamma_weight=4.0, theta_deviation=(("goal", 3.0),)),
+        **changes,
+    }
+    return OnlineEstimator(**arguments)
+
+
+@lru_cache
+def seen():
+    """Noisy observations of the game's equilibrium over a horizon whose end is not felt."""
+    setting = MONTE_CARLO
+    played = solve(crosswalk_game(2, 25), setting.initial_states, setting.theta, GAMMA, throw=True)
+    clean = np.concatenate(played.states, axis=1)[:LENGTH]
+    return clean + STD * np.random.default_rng(0).standard_normal(clean.shape)
+
+
+def start(made):
+    theta = [MONTE_CARLO.theta[0], player_theta(seen()[0, 4:6])]
+    return made.init(theta, [GAMMA[0], 0.8])
+
+
+@lru_cache
+def run():
+    """The states after every update."""
+    made = estimator()
+    states = [start(made)]
+    for row in seen():
+        states.append(made.update(states[-1], row))
+    return made, states
+
+
+def test_a_constant_discount_factor_is_recovered():
+    _, states = run()
+    assert states[1].estimate is None  # one observation tells nothing
+    assert all(s.estimate is not None for s in states[2:])
+    assert [s.failures for s in states] == [0] * len(states)
+    last = states[-1]
+    error = abs(last.gamma[1] - GAMMA[1])
+    assert error < 0.05
+    assert error < 4.0 * last.estimate.gamma_deviation[1]
+    assert error < abs(states[2].gamma[1] - GAMMA[1])
+    deviations = [s.estimate.gamma_deviation[1] for s in states[2:]]
+    assert deviations[-1] < deviations[0]
+    assert last.gamma[0] == GAMMA[0]  # its own, fixed
+    np.testing.assert_array_equal(last.theta[0]["goal"], MONTE_CARLO.goals[0])
+
+
+def test_the_present_is_where_the_window_ends():
+    _, states = run()
+    for count, state in enumerate(states[2:], start=2):
+        assert state.stage == min(count, WINDOW) - 1
+        now = np.concatenate([s[state.stage] for s in state.estimate.solution.states])
+        assert np.abs(now - seen()[count - 1]).max() < 0.05
+
+
+@pytest.mark.parametrize("at", [WINDOW - 2, WINDOW + 3], ids=["filling", "sliding"])
+def test_a_failed_fit_keeps_the_estimate(at, monkeypatch):
+    made, states = run()
+    before = states[at]
+    real = online.estimate
+
+    def failed(*args, **kwargs):
+        return real(*args, **kwargs)._replace(status=np.asarray(int(Status.ITERATION_LIMIT)))
+
+    monkeypatch.setattr(online, "estimate", failed)
+    after = made.update(before, seen()[at])
+    assert after.failures == 1
+    np.testing.assert_array_equal(after.gamma, before.gamma)
+    np.testing.assert_array_equal(after.estimate.values, before.estimate.values)
+    # The present has moved on along the trajectory that was estimated before.
+    for new, old in zip(
+        after.estimate.solution.states, before.estimate.solution.states, strict=True
+    ):
+        np.testing.assert_array_equal(new[after.stage], old[before.stage + 1])
+    assert len(after.observations) == min(at + 1, WINDOW)
+    monkeypatch.undo()
+    again = made.update(after, seen()[at + 1])
+    assert again.failures == 1
+    assert abs(again.gamma[1] - GAMMA[1]) < 0.15
+    # A covariance that is not a number is no use either.
+    monkeypatch.setattr(
+        online,
+        "estimate",
+        lambda *args, **kwargs: (found := real(*args, **kwargs))._replace(
+            covariance=np.full_like(found.covariance, np.nan)
+        ),
+    )
+    assert made.update(before, seen()[at]).failures == 1
+
+
+@pytest.mark.parametrize("length", [2, WINDOW + 2], ids=["short", "longer than the window"])
+def test_an_occluded_agent(length):
+    made, states = run()
+    state = states[6]
+    for row in seen()[6 : 6 + length]:
+        hidden = row.copy()
+        hidden[OTHER] = np.nan
+        state = made.update(state, hidden)
+        assert state.estimate is not None
+        assert np.isfinite(state.gamma).all()
+        now = np.concatenate([s[state.stage] for s in state.estimate.solution.states])
+        assert np.isfinite(now).all()
+    before = states[6].gamma[1]
+    assert abs(state.gamma[1] - before) < 0.15
+    # Not seen, it goes on as it was understood.
+    assert np.abs(now[4:6] - row[4:6]).max() < 0.25
+    if 6 + length < LENGTH:
+        state = made.update(state, seen()[6 + length])
+        assert abs(state.gamma[1] - GAMMA[1]) < 0.15
+
+
+def test_seeing_nothing_for_longer_than_the_window():
+    made, states = run()
+    state = states[6]
+    for _ in range(WINDOW + 2):
+        state = made.update(state, np.full(MODEL.size, np.nan))
+        assert state.estimate is not None
+        assert abs(state.gamma[1] - states[6].gamma[1]) < 0.2
+
+
+def test_an_agent_that_was_never_seen_is_waited_for():
+    made = estimator()
+    state = start(made)
+    for row in seen()[:3]:
+        hidden = row.copy()
+        hidden[OTHER] = np.nan
+        state = made.update(state, hidden)
+        assert state.estimate is None
+    assert state.failures == 2  # the first observation alone is no attempt
+    for row in seen()[3:6]:
+        state = made.update(state, row)
+    assert state.estimate is not None
+
+
+def test_updates_do_not_change_their_input():
+    made, states = run()
+    before = states[5]
+    kept = before.gamma.copy(), len(before.observations), len(before.beliefs)
+    row = seen()[5].copy()
+    one, two = made.update(before, row), made.update(before, row)
+    np.testing.assert_array_equal(one.gamma, two.gamma)
+    np.testing.assert_array_equal(before.gamma, kept[0])
+    assert (len(before.observations), len(before.beliefs)) == kept[1:]
+    np.testing.assert_array_equal(row, seen()[5])
+
+
+def test_errors_name_the_argument():
+    theta, gamma = MONTE_CARLO.theta, GAMMA
+    with pytest.raises(ValueError, match=r"free: .*initial state"):
+        estimator(free=(Free((), False, False), FREE[1])).init(theta, gamma)
+    with pytest.raises(ValueError, match=f"game: has horizon {HORIZON}; expected at least"):
+        estimator(window=HORIZON + 1).init(theta, gamma)

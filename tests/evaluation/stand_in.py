@@ -1,0 +1,33 @@
+"""A small study whose trials cost nothing: `python -m ... FOLDER WORKERS SECONDS`."""
+
+import sys
+import time
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+
+from evaluation.store import Store
+from evaluation.trials import run_trials
+
+KEY = ("ego", "seed")
+EGOS = ("a", "b")
+SEEDS = 12
+
+
+def trial(ego, seed, seconds):
+    """A row that depends on the trial only; one trial in six breaks."""
+    time.sleep(seconds)
+    if seed % 6 == 5:
+        raise ArithmeticError(f"no luck with {seed}")
+    return {"value": seed / 7.0 + len(ego), "list": [float(seed)] * (seed % 3), "flag": seed > 3}
+
+
+def study(folder, workers=0, seconds=0.0, seeds=SEEDS):
+    """All trials that are not there yet."""
+    store = Store(folder, "stand-in", {"seeds": SEEDS}, KEY)
+    trials = [{"ego": e, "seed": s, "seconds": seconds} for s in range(seeds) for e in EGOS]
+    return run_trials(trial, trials, store, workers=workers, label="stand-in", chunk=3)
+
+
+if __name__ == "__main__":
+    study(sys.argv[1], int(sys.argv[2]), float(sys.argv[3]))

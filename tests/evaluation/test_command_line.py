@@ -1,0 +1,147 @@
+"""The command `foresight`: help, one-line errors with exit status 2, and results."""
+
+import os
+
+import pytest
+from PIL import Image
+from typer.testing import CliRunner
+
+import evaluation.command_line as command_line
+from agents import EGOS
+from evaluation.command_line import EGO_NAMES, app
+from evaluation.sample import write_sample
+
+COMMANDS = ("run", "evaluate", "estimate", "demo")
+
+
+@pytest.fixture(scope="module")
+def sample(tmp_path_factory):
+    return write_sample(tmp_path_factory.mktemp("sample"))
+
+
+@pytest.fixture(autouse=True)
+def environment(monkeypatch):
+    """The command chooses a cache through the environment; not for the tests after this one."""
+    monkeypatch.setattr(command_line, "keep_compiled_programs", lambda: None)
+    monkeypatch.setenv("COLUMNS", "200")
+
+
+def call(*arguments):
+    return CliRunner().invoke(app, [str(a) for a in arguments])
+
+
+def refused(result, *told):
+    """Exit status 2, one line that says what is wrong, nothing on standard output."""
+    assert result.exit_code == 2, result.output
+    lines = result.stderr.splitlines()
+    assert len(lines) == 1, result.stderr
+    for part in told:
+        assert part in lines[0]
+    assert "Traceback" not in result.output
+    assert result.stdout == ""
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help(command):
+    result = call(command, "--help")
+    assert result.exit_code == 0
+    assert "Usage: " in result.stdout
+    assert "--out" in result.stdout
+
+
+def test_help_of_everything():
+    result = call("--help")
+    assert result.exit_code == 0
+    assert all(command in result.stdout for command in COMMANDS)
+    assert tuple(EGOS) == EGO_NAMES
+
+
+def test_a_missing_file(tmp_path):
+    out = tmp_path / "out"
+    refused(call("estimate", tmp_path / "no_obsmat.txt", "--out", out), "no_obsmat.txt")
+    refused(call("demo", "--data", tmp_path / "no_obsmat.txt", "--out", out), "no_obsmat.txt")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_file_of_something_else(tmp_path):
+    junk = tmp_path / "junk.csv"
+    junk.write_text("once upon a time\n")
+    refused(call("estimate", junk, "--out", tmp_path / "out"), "junk.csv", "not recognised")
+    assert list(tmp_path.iterdir()) == [junk]
+
+
+@pytest.mark.parametrize(
+    ("ids", "told"),
+    [("ped:0,ped:77", "'ped:77'"), ("ped:0", "1 given"), ("ped:0,ped:0", "ids"), ("", "given")],
+)
+def test_wrong_ids(sample, tmp_path, ids, told):
+    refused(call("estimate", sample, "--ids", ids, "--out", tmp_path / "out"), told)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_unknown_ego(tmp_path):
+    result = call("run", "crosswalk", "--ego", "nobody", "--out", tmp_path / "out")
+    assert result.exit_code == 2
+    assert "'nobody' is unknown; choose from oracle" in result.stderr
+    result = call("evaluate", "crosswalk", "--egos", "oracle,nobody", "--out", tmp_path / "out")
+    assert result.exit_code == 2
+    assert "'nobody' is unknown" in result.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_that_cannot_be_written(sample, tmp_path):
+    blocked = tmp_path / "file"
+    blocked.write_text("in the way")
+    study = ("evaluate", "crosswalk", "--episodes", 1, "--levels", 0, "--grid", 0, "--workers", 0)
+    refused(call(*study, "--out", blocked / "out"), "cannot be written")
+    result = call("estimate", sample, "--count", 1, "--out", blocked / "out")
+    assert result.exit_code == 2
+    assert len(result.stderr.splitlines()) == 1
+    assert "out" in result.stderr
+    assert blocked.read_text() == "in the way"
+    assert list(tmp_path.iterdir()) == [blocked]
+
+
+def test_a_folder_of_another_study(tmp_path):
+    (tmp_path / "closed_loop").mkdir()
+    (tmp_path / "closed_loop" / "thesis.txt").write_text("dear reader")
+    study = ("evaluate", "crosswalk", "--episodes", 1, "--levels", 0, "--grid", 0, "--workers", 0)
+    refused(call(*study, "--out", tmp_path), "is not empty and has no manifest.json")
+
+
+def test_an_interruption(tmp_path, monkeypatch, sample):
+    def interrupted(*arguments):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("evaluation.demonstration.estimate_recorded", interrupted)
+    result = call("estimate", sample, "--out", tmp_path)
+    assert result.exit_code == 130
+    assert result.stderr == "foresight: interrupted; finished trials are kept\n"
+
+
+def test_estimate(sample, tmp_path):
+    result = call("estimate", sample, "--ids", "ped:0,ped:1", "--out", tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    for word in ("gamma inferred", "gamma = 1", "constant velocity", "ped:1"):
+        assert word in result.stdout
+    (picture,) = (tmp_path / "out").iterdir()
+    assert picture.suffix == ".png"
+    with Image.open(picture) as image:
+        assert image.size == (1050, 750)
+    quiet = call("estimate", sample, "--count", 1, "--no-pictures", "--out", tmp_path / "none")
+    assert quiet.exit_code == 0
+    assert not (tmp_path / "none").exists()
+
+
+def test_where_compiled_programs_are_kept(monkeypatch, tmp_path):
+    monkeypatch.undo()  # of `environment`
+    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", "elsewhere")
+    command_line.keep_compiled_programs()
+    assert os.environ["JAX_COMPILATION_CACHE_DIR"] == "elsewhere"
+    monkeypatch.delenv("JAX_COMPILATION_CACHE_DIR")
+    monkeypatch.delenv("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", raising=False)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    command_line.keep_compiled_programs()
+    chosen = os.environ["JAX_COMPILATION_CACHE_DIR"]
+    assert chosen == str(tmp_path / "foresight_env" / "jax")
+    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", chosen)  # so that it is undone

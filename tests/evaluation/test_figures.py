@@ -1,0 +1,102 @@
+"""Figures are pictures of the right size that show something; the heatmap's values."""
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from evaluation import estimation, figures
+from evaluation.closed_loop import paired_difference, summarise
+from evaluation.heatmap import heatmap
+from foresight_env.scenarios.crosswalk import HEATMAP
+
+
+def check(path, width, height):
+    """A PNG of that many inches at 150 dots, with more than one colour."""
+    with Image.open(path) as image:
+        assert image.format == "PNG"
+        assert image.size == (round(150 * width), round(150 * height))
+        pixels = np.asarray(image.convert("L"))
+    assert (pixels < 250).mean() > 0.01
+    assert [p.name for p in path.parent.iterdir()] == [path.name]
+
+
+def estimation_rows():
+    return [
+        {
+            "observation": o, "std": s, "method": m, "sequence": k, "error": "",
+            "error_squared": (1.0 + k) * (s**2 + 1e-6) * 10.0,
+        }
+        for o in estimation.OBSERVATIONS
+        for s in estimation.noise_levels(3)
+        for m in estimation.METHODS
+        for k in range(3)
+    ]  # fmt: skip
+
+
+def episode_rows():
+    """Two egos, three seeds; the second is 1 s slower and breaks once."""
+    rows = []
+    for ego, late in (("foresight", 0.0), ("farsighted", 1.0)):
+        for seed in range(3):
+            row = {"ego": ego, "seed": seed, "error": ""}
+            row |= {"collision": False, "goal_reached": True, "time_out": False}
+            row |= {
+                "time": 3.0 + seed + late,
+                "min_distance": 0.5 - 0.1 * seed,
+                "cost": 10.0 * seed,
+            }
+            row |= {"ego_failures": 1, "latencies": [900.0, 900.0, 10.0, 20.0]}
+            rows.append(row)
+    rows[-1] = {**dict.fromkeys(rows[-1]), "ego": "farsighted", "seed": 2, "error": "broke"}
+    rows[1] |= {"goal_reached": False, "time_out": True}
+    return rows
+
+
+def test_error_against_noise(tmp_path):
+    path = figures.error_against_noise(estimation_rows(), tmp_path / "new" / "error.png")
+    check(path, 9.0, 3.8)
+
+
+def test_closed_loop_figure(tmp_path):
+    rows = episode_rows()
+    path = tmp_path / "new" / "loop.png"
+    check(figures.closed_loop_summary(rows, ("foresight", "farsighted"), path), 9.0, 3.6)
+
+
+def test_closed_loop_numbers_by_hand():
+    rows = episode_rows()
+    found = summarise(rows, "foresight")
+    assert (found.episodes, found.errors, found.reached, found.time_outs) == (3, 0, 2, 1)
+    assert found.time_to_goal.mean == pytest.approx((3.0 + 10.0 + 5.0) / 3.0)
+    assert found.smallest_distance == pytest.approx(0.3)
+    assert found.latency_median == 15.0  # the first two of each episode compile
+    assert found.failures == 3
+    other = summarise(rows, "farsighted")
+    assert (other.episodes, other.errors, other.reached) == (3, 1, 2)
+    difference = paired_difference(rows, "foresight", "farsighted", "time")
+    assert difference == (-1.0, -1.0, -1.0)
+    with pytest.raises(ValueError, match="ego oracle: no episode finished: no rows"):
+        summarise(rows, "oracle")
+
+
+def test_gamma_over_time(tmp_path):
+    known = [{}, {1: (0.8, 0.2)}, {1: (0.7, 0.1)}]
+    path = tmp_path / "new" / "gammas.png"
+    drawn = figures.gamma_over_time([0.0, 0.1, 0.2], known, np.array([0.9, 0.7]), path)
+    check(drawn, 6.0, 3.2)
+
+
+def test_a_small_heatmap(tmp_path):
+    grid = heatmap(3, largest=1.18)
+    np.testing.assert_allclose(grid.gammas, [0.02, 0.6, 1.18])
+    for values in (grid.full, grid.positions):
+        assert values.shape == (3, 3)
+        assert np.nanargmin(values) == 4  # the middle is the truth
+        assert values[1, 1] < 1e-8
+    solved = ~np.isnan(grid.full)
+    assert grid.unsolved == 9 - solved.sum()
+    assert (grid.full[solved] >= grid.positions[solved]).all()
+    assert grid.gammas[1] == pytest.approx(HEATMAP.gamma[0])
+    check(figures.objective_heatmap(grid, tmp_path / "new" / "map.png"), 9.0, 4.0)
+    with pytest.raises(ValueError, match="size: is 1"):
+        heatmap(1)

@@ -1,0 +1,96 @@
+"""Metrics against values computed by hand, and what intervals must be."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from evaluation.metrics import displacement, trajectory_error
+from evaluation.statistics import mean_interval
+
+FINITE = st.floats(-1e3, 1e3)
+
+
+def test_trajectory_error_by_hand():
+    states = np.array([[1.0, 2.0], [3.0, 4.0]])
+    assert trajectory_error(states, np.array([[1.0, 0.0], [0.0, 4.0]])) == 4.0 + 9.0
+    assert trajectory_error(states, states) == 0.0
+
+
+def test_displacement_by_hand():
+    """Agent 0 is 5 m off at the first step and 1 m at the last; agent 1 leaves after the first."""
+    truth = np.zeros((2, 2, 2))
+    predicted = np.array([[[3.0, 4.0], [0.0, 2.0]], [[1.0, 0.0], [9.0, 9.0]]])
+    present = np.array([[True, True], [True, False]])
+    truth[1, 1] = np.nan  # not seen there, so nothing to compare with
+    average, final = displacement(predicted, truth, present)
+    assert average == pytest.approx((5.0 + 2.0 + 1.0) / 3.0)
+    assert final == pytest.approx((1.0 + 2.0) / 2.0)
+
+
+def test_nobody_present():
+    nothing = displacement(np.zeros((2, 1, 2)), np.zeros((2, 1, 2)), np.zeros((2, 1), bool))
+    assert np.isnan(nothing).all()
+
+
+@given(
+    arrays(float, (4, 2, 2), elements=FINITE),
+    arrays(bool, (4, 2)),
+    st.floats(0.0, 10.0),
+    st.floats(0.0, 2.0 * np.pi),
+)
+def test_a_constant_error_is_its_own_average(truth, present, size, angle):
+    shifted = truth + size * np.array([np.cos(angle), np.sin(angle)])
+    average, final = displacement(shifted, truth, present)
+    if present.any():
+        assert average == pytest.approx(size, abs=1e-9)
+        assert final == pytest.approx(size, abs=1e-9)
+        # Whoever is absent does not count, wherever it is predicted.
+        elsewhere = np.where(present[..., None], shifted, 1e9)
+        assert displacement(elsewhere, truth, present) == (average, final)
+    else:
+        assert np.isnan([average, final]).all()
+
+
+@given(arrays(float, (3, 4), elements=FINITE), arrays(float, (3, 4), elements=FINITE))
+def test_trajectory_error_is_symmetric_and_scales(one, other):
+    error = trajectory_error(one, other)
+    assert error == trajectory_error(other, one)
+    assert error >= 0.0
+    assert trajectory_error(2.0 * one, 2.0 * other) == pytest.approx(4.0 * error)
+
+
+@settings(max_examples=30)
+@given(st.lists(FINITE, min_size=1, max_size=20))
+def test_the_interval_holds_the_mean(values):
+    found = mean_interval(np.array(values))
+    assert found.mean == pytest.approx(np.mean(values))
+    slack = 1e-9 * max(1.0, abs(found.mean))
+    assert min(values) - slack <= found.low <= found.mean + slack
+    assert found.mean - slack <= found.high <= max(values) + slack
+
+
+def test_degenerate_samples():
+    assert mean_interval(np.array([2.0])) == (2.0, 2.0, 2.0)
+    assert mean_interval(np.full(7, 3.5)) == (3.5, 3.5, 3.5)
+    for values in ([], [1.0, np.nan]):
+        with pytest.raises(ValueError, match="values: empty or with NaN"):
+            mean_interval(np.array(values))
+
+
+def test_intervals_are_repeatable_and_of_the_right_width():
+    values = np.random.default_rng(0).normal(5.0, 2.0, 400)
+    found = mean_interval(values)
+    assert found == mean_interval(values)
+    # Normal theory: +- 1.96 * 2 / sqrt(400) = 0.196.
+    assert 0.30 < found.high - found.low < 0.49
+
+
+def test_the_interval_covers_the_true_mean():
+    random = np.random.default_rng(1)
+    held = 0
+    for _ in range(200):
+        found = mean_interval(random.exponential(1.0, 40))
+        held += found.low <= 1.0 <= found.high
+    assert 0.86 < held / 200 < 0.99  # 95 % nominal, the percentile interval is a little short

@@ -1,0 +1,203 @@
+"""Results on disk: whole or not at all, resumed, and refused where they do not belong."""
+
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+import stand_in
+
+import evaluation.store as store_module
+from evaluation.store import Store, StoreError, write_atomically
+from evaluation.trials import attempt, run_trials
+
+ROWS = stand_in.SEEDS * len(stand_in.EGOS)
+
+
+def names(folder):
+    return sorted(p.name for p in folder.iterdir())
+
+
+def test_rows_come_back_as_they_were(tmp_path):
+    store = Store(tmp_path / "new" / "folder", "s", {"k": (1, 2)}, ("seed",))
+    rows = [{"seed": s, "x": 0.1 * s, "list": [s] * s, "none": None, "text": "ä"} for s in (2, 0)]
+    store.append(rows)
+    store.append([])
+    store.append([{"seed": 1, "x": 5.0, "list": [], "none": None, "text": ""}])
+    found = Store(tmp_path / "new" / "folder", "s", {"k": [1, 2]}, ("seed",)).rows()
+    assert [r["seed"] for r in found] == [0, 1, 2]
+    assert found[2] == rows[0]
+    assert found[0] == rows[1]
+    assert store.finished() == {(0,), (1,), (2,)}
+    assert names(store.folder) == ["manifest.json", "part-000000.parquet", "part-000001.parquet"]
+
+
+def test_manifest(tmp_path):
+    Store(tmp_path, "s", {"noise": 0.5}, ("seed",))
+    told = json.loads((tmp_path / "manifest.json").read_text())
+    assert told["study"] == "s"
+    assert told["configuration"] == {"noise": 0.5}
+    assert {"version", "python", "machine"} <= told.keys()
+
+
+@pytest.mark.parametrize("failing", ["replace", "fsync"])
+def test_a_write_that_fails_leaves_nothing_half_done(tmp_path, monkeypatch, failing):
+    path = tmp_path / "file"
+    write_atomically(path, b"old")
+
+    def broken(*args):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, failing, broken)
+    with pytest.raises(OSError, match="No space left"):
+        write_atomically(path, b"new")
+    assert path.read_bytes() == b"old"
+    assert names(tmp_path) == ["file"]
+
+
+def test_a_full_disk_is_told_with_the_file(tmp_path, monkeypatch):
+    store = Store(tmp_path, "s", {}, ("seed",))
+
+    def broken(*args):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(store_module, "write_atomically", broken)
+    with pytest.raises(StoreError, match=r"part-000000\.parquet: cannot be written \(No space"):
+        store.append([{"seed": 0}])
+
+
+@pytest.mark.parametrize(
+    ("study", "configuration", "version", "told"),
+    [
+        ("other", {"a": 1}, None, "another study"),
+        ("s", {"a": 2}, None, "another configuration"),
+        ("s", {"a": 1}, "9.9.9", "another version"),
+    ],
+)
+def test_other_results_are_refused(tmp_path, monkeypatch, study, configuration, version, told):
+    Store(tmp_path, "s", {"a": 1}, ("seed",)).append([{"seed": 0}])
+    before = {p.name: p.read_bytes() for p in tmp_path.iterdir()}
+    if version:
+        monkeypatch.setattr(store_module, "__version__", version)
+    with pytest.raises(StoreError, match=told):
+        Store(tmp_path, study, configuration, ("seed",))
+    assert {p.name: p.read_bytes() for p in tmp_path.iterdir()} == before
+
+
+def test_a_folder_of_something_else_is_refused(tmp_path):
+    (tmp_path / "thesis.txt").write_text("dear reader")
+    with pytest.raises(StoreError, match=r"is not empty and has no manifest\.json"):
+        Store(tmp_path, "s", {}, ("seed",))
+    assert names(tmp_path) == ["thesis.txt"]
+
+
+def test_a_file_in_the_place_of_the_folder(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(StoreError, match="cannot be written"):
+        Store(tmp_path / "file" / "results", "s", {}, ("seed",))
+
+
+def test_damage_is_named(tmp_path):
+    store = Store(tmp_path, "s", {}, ("seed",))
+    for seed in range(2):
+        store.append([{"seed": seed}])
+    part = tmp_path / "part-000001.parquet"
+    part.write_bytes(part.read_bytes()[:-20])
+    with pytest.raises(StoreError, match=r"part-000001\.parquet: is damaged .*delete this part"):
+        store.rows()
+    part.unlink()
+    assert store.finished() == {(0,)}
+    (tmp_path / "manifest.json").write_text("{")
+    with pytest.raises(StoreError, match=r"manifest\.json: is not JSON"):
+        Store(tmp_path, "s", {}, ("seed",))
+
+
+def test_only_missing_trials_are_run(tmp_path):
+    whole = stand_in.study(tmp_path / "whole")
+    assert len(whole) == ROWS
+    part = stand_in.study(tmp_path / "parts", seeds=5)
+    assert len(part) == 5 * len(stand_in.EGOS)
+    ran = []
+
+    def counted(**trial):
+        ran.append((trial["ego"], trial["seed"]))
+        return stand_in.trial(**trial)
+
+    store = Store(tmp_path / "parts", "stand-in", {"seeds": stand_in.SEEDS}, stand_in.KEY)
+    trials = [
+        {"ego": e, "seed": s, "seconds": 0.0} for s in range(stand_in.SEEDS) for e in stand_in.EGOS
+    ]
+    rows = run_trials(counted, trials, store, workers=0, label="counted")
+    assert sorted(ran) == sorted((e, s) for e in stand_in.EGOS for s in range(5, stand_in.SEEDS))
+    assert rows == whole
+
+
+def test_a_failing_trial_is_a_row(tmp_path):
+    rows = stand_in.study(tmp_path)
+    broken = [r for r in rows if r["error"]]
+    assert [(r["ego"], r["seed"]) for r in broken] == [(e, s) for e in "ab" for s in (11, 5)]
+    for row in broken:
+        assert row["error"].startswith(f"ArithmeticError: no luck with {row['seed']} (stand_in.py:")
+        assert row["value"] is None
+    assert all(r["value"] is not None for r in rows if not r["error"])
+    alone = attempt(stand_in.trial, {"ego": "a", "seed": 5, "seconds": 0.0}, ("seed",))
+    assert alone.keys() == {"seed", "error"}
+
+
+def test_an_interruption_keeps_what_was_finished(tmp_path):
+    store = Store(tmp_path, "s", {}, ("seed",))
+
+    def interrupted(seed):
+        if seed == 5:
+            raise KeyboardInterrupt
+        return {"x": seed}
+
+    trials = [{"seed": s} for s in range(8)]
+    with pytest.raises(KeyboardInterrupt):
+        run_trials(interrupted, trials, store, workers=0, label="s", chunk=4)
+    assert store.finished() == {(s,) for s in range(5)}
+
+
+def test_killed_at_random_moments_and_run_again(tmp_path):
+    """The rows end up the same as those of an undisturbed run."""
+    wanted = stand_in.study(tmp_path / "undisturbed")
+    folder = tmp_path / "killed"
+    chance = random.Random(0)
+    script = [sys.executable, str(Path(stand_in.__file__)), str(folder)]
+    seen = set()
+    for _ in range(4):
+        process = subprocess.Popen(
+            [*script, "0", "0.02"], stdout=subprocess.DEVNULL, start_new_session=True
+        )
+        # From the moment that it has begun, not from that of importing.
+        while not folder.exists() and process.poll() is None:
+            time.sleep(0.005)
+        time.sleep(chance.uniform(0.0, 0.35))
+        os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+        if (folder / "manifest.json").exists():
+            store = Store(folder, "stand-in", {"seeds": stand_in.SEEDS}, stand_in.KEY)
+            finished = store.finished()
+            assert seen <= finished
+            seen = finished
+    assert len(seen) < ROWS, "nothing was left to do: the kills came too late to test anything"
+    last = subprocess.run([*script, "0", "0"], capture_output=True, text=True, check=False)
+    assert last.returncode == 0, last.stderr
+    store = Store(folder, "stand-in", {"seeds": stand_in.SEEDS}, stand_in.KEY)
+    assert store.rows() == wanted
+
+
+def test_worker_processes_give_the_same_rows(tmp_path):
+    wanted = stand_in.study(tmp_path / "here")
+    script = [sys.executable, str(Path(stand_in.__file__)), str(tmp_path / "there"), "2", "0"]
+    subprocess.run(script, check=True, capture_output=True)
+    there = Store(tmp_path / "there", "stand-in", {"seeds": stand_in.SEEDS}, stand_in.KEY)
+    assert there.rows() == wanted
