@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Protocol, TypeVar
+from typing import Any, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -38,6 +38,7 @@ class Decision:
     """Whether a solve failed and the action is a fallback: the last plan continued, or braking."""
 
 
+@runtime_checkable
 class EgoPolicy(Protocol[Memory]):
     """What drives a controlled agent."""
 

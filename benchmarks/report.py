@@ -33,8 +33,11 @@ class Result:
 
     def show(self, console: Console) -> Result:
         """Print and return itself."""
+        if not self.rows:
+            console.print(f"{self.title}. {self.note}")
+            return self
         table = Table(title=self.title, caption=self.note, caption_justify="left")
-        for name in self.rows[0] if self.rows else ():
+        for name in self.rows[0]:
             table.add_column(name, justify="right" if number_like(self.rows[0][name]) else "left")
         for row in self.rows:
             table.add_row(*(told(value) for value in row.values()))

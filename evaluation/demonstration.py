@@ -134,6 +134,8 @@ def estimate_recorded(
     console = Console()
     # Everything that can be wrong with the input is found before anything is written.
     chosen = encounters(file, agents=agents, count=count, recording_number=recording)
+    if pictures:
+        out.mkdir(parents=True, exist_ok=True)  # an unwritable folder is reported before the work
     results = []
     with console.status("inferring (the first fit compiles)"):
         for encounter in chosen:

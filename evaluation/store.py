@@ -70,7 +70,9 @@ class Store:
         listed = list(rows)
         if not listed:
             return
-        table = pa.Table.from_pylist(listed)
+        # Arrow takes the columns from the first row alone; a failed trial has fewer than the others.
+        names = list(dict.fromkeys(name for row in listed for name in row))
+        table = pa.Table.from_pylist([{n: row.get(n) for n in names} for row in listed])
         sink = pa.BufferOutputStream()
         pq.write_table(table, sink)
         number = len(list(self.folder.glob("part-*.parquet")))
@@ -93,7 +95,8 @@ class Store:
                 raise StoreError(f"{part}: is damaged ({error}); delete this part") from error
             for row in table.to_pylist():
                 found[tuple(row[k] for k in self.key)] = row
-        return [found[k] for k in sorted(found, key=repr)]
+        names = sorted({name for row in found.values() for name in row})
+        return [{n: found[k].get(n) for n in names} for k in sorted(found, key=repr)]
 
     def finished(self) -> set[tuple[Any, ...]]:
         """Keys of the trials that have a row."""

@@ -113,6 +113,8 @@ class OnlineEstimator:
             return state
         padded = np.full((self.window, self.model.size), np.nan)
         padded[: len(observations)] = np.stack(observations)
+        if np.isnan(padded).all():
+            return self._keep(state, sliding)
         try:
             initial = self._initial_state(state, sliding, padded)
         except ValueError:  # an agent that nobody has seen yet: wait
