@@ -70,7 +70,7 @@ class Store:
         listed = list(rows)
         if not listed:
             return
-        # Arrow takes the columns from the first row alone; a failed trial has fewer than the others.
+        # Arrow takes the columns from the first row alone, and a failed trial has fewer of them.
         names = list(dict.fromkeys(name for row in listed for name in row))
         table = pa.Table.from_pylist([{n: row.get(n) for n in names} for row in listed])
         sink = pa.BufferOutputStream()
