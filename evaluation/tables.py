@@ -59,9 +59,7 @@ def print_closed_loop(console: Console, summaries: Sequence[Summary], rows: Sequ
 
 def print_estimation(console: Console, rows: Sequence[Row]) -> None:
     """Mean error per noise level beside the Cramer-Rao bound."""
-    table = Table(
-        title="Estimation: mean trajectory error; bound: Cramer-Rao; ratio: inferred to bound"
-    )
+    table = Table(title="Estimation: mean trajectory error, Cramer-Rao bound, ratio to it")
     for name in (
         "observed", "std", "n", "gamma inferred", "gamma = 1", "bound", "ratio", "s",
     ):  # fmt: skip

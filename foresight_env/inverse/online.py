@@ -86,7 +86,7 @@ class OnlineEstimator:
     window: int = 10
     prior: Prior = Prior()
     drift: Drift = Drift()
-    starts: int = 4
+    starts: int = 2
     careful_updates: int = 4
     """Updates at the beginning that use several starts."""
     options: Options = Options()
