@@ -79,7 +79,7 @@ def representative_trial(
             scene.plot(*np.clip(goal, -1.0, 3.0), "x", color=COLOURS[name], ms=8, mew=2)
     _metres(scene)
     scene.set_title("what noisy observations imply (x: inferred goals)", fontsize=10)
-    scene.legend(fontsize=8, loc="center")
+    scene.legend(fontsize=8, loc="upper center")
     found = fits["foresight"]
     for i in range(2):
         bars.bar(
