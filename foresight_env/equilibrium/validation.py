@@ -71,7 +71,8 @@ def check_parameters(game: Game, x0: Any, theta: Sequence[Theta], gamma: Any) ->
     parameters = Parameters(state, thetas, discounts)
     structure = jax.tree.structure(thetas)
     shapes = tuple(np.shape(v) for v in jax.tree.leaves(thetas))
-    _check_functions(layout, structure, shapes)
+    with jax.enable_x64(True):  # shapes are asked for in the precision that solvers use
+        _check_functions(layout, structure, shapes)
     return parameters
 
 
