@@ -131,10 +131,11 @@ def study(
     setting: ClosedLoop = ClosedLoop(),
     *,
     workers: int | None = None,
+    fresh: bool = False,
 ) -> list[Row]:
-    """Run (or finish) the study in `folder`; every ego meets every seed."""
+    """Run (or finish, unless `fresh`) the study in `folder`; every ego meets every seed."""
     configuration = {**setting.__dict__, "egos": list(egos), "seeds": [seeds.start, seeds.stop]}
-    store = Store(folder, "closed loop", configuration, KEY)
+    store = Store(folder, "closed loop", configuration, KEY, fresh=fresh)
     trials = [{"ego": e, "seed": s, **setting.__dict__} for s in seeds for e in egos]
     return run_trials(run_episode, trials, store, workers=workers, label="closed loop")
 
@@ -155,7 +156,8 @@ class Summary(NamedTuple):
     time_to_goal: Interval
     """Seconds; episodes that did not reach the goal count with the full `MAX_STEPS`."""
     cost: Interval
-    """Undiscounted cost of the episode, integrated over time."""
+    """Undiscounted cost, integrated over time, of the episodes without a collision: a collision
+    ends an episode, and what it would have cost with it."""
     latency_median: float
     """Milliseconds per decision, compilation apart."""
     latency_p99: float
@@ -183,18 +185,24 @@ def summarise(rows: list[Row], ego: str, dt: float = 0.1) -> Summary:
         mean_interval(distance),
         float(distance.min()),
         mean_interval(times),
-        mean_interval(np.array([r["cost"] for r in good])),
+        mean_interval(np.array([r["cost"] for r in good if not r["collision"]] or [np.inf])),
         float(np.median(latency)),
         float(np.percentile(latency, 99)),
         sum(r["ego_failures"] for r in good),
     )
 
 
-def paired_difference(rows: list[Row], ego: str, other: str, column: str) -> Interval:
-    """Mean of `ego` minus `other` in one column over the seeds that both finished."""
+def paired_difference(
+    rows: list[Row], ego: str, other: str, column: str, *, with_collisions: bool = True
+) -> Interval | None:
+    """Mean of `ego` minus `other` in one column over the seeds that both finished; None of none."""
     values: dict[str, dict[int, float]] = {ego: {}, other: {}}
     for row in rows:
         if row["ego"] in values and not row["error"]:
+            if row["collision"] and not with_collisions:
+                continue
             values[row["ego"]][row["seed"]] = float(row[column])
     both = sorted(values[ego].keys() & values[other].keys())
+    if not both:
+        return None
     return mean_interval(np.array([values[ego][s] - values[other][s] for s in both]))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import sys
 from collections.abc import Callable
@@ -58,9 +59,13 @@ def plain_errors(command: Callable[..., None]) -> Callable[..., None]:
     @wraps(command)
     def wrapped(*args: Any, **kwargs: Any) -> None:
         keep_compiled_programs()
+        from foresight_env.equilibrium import (
+            SolveError,  # loads JAX, which --help must not wait for
+        )
+
         try:
             command(*args, **kwargs)
-        except (ValueError, OSError) as error:
+        except (ValueError, OSError, SolveError) as error:
             typer.echo(f"foresight: {' '.join(str(error).split())}", err=True)
             raise typer.Exit(2) from error
         except KeyboardInterrupt:
@@ -74,6 +79,11 @@ def _check_ego(name: str) -> str:
     if name not in EGO_NAMES:
         raise typer.BadParameter(f"{name!r} is unknown; choose from {', '.join(EGO_NAMES)}")
     return name
+
+
+def _check_noise(std: float) -> None:
+    if not math.isfinite(std):
+        raise typer.BadParameter(f"--noise-std: is {std}; expected a finite number")
 
 
 OutOption = Annotated[Path, typer.Option(help="Folder for results and pictures.")]
@@ -103,6 +113,7 @@ def run(
     out: OutOption = Path("results/run"),
 ) -> None:
     """Run one episode: table, picture, animation, inferred discount factors over time."""
+    _check_noise(noise_std)
     from evaluation.demonstration import run_one
 
     run_one(ego, seed, players, observation.value, behaviour.value, noise_std, human, out)
@@ -138,6 +149,9 @@ def evaluate(
     Interrupted studies go on where they stopped. The paper's size is --levels 50 --sequences 50.
     """
     names = tuple(_check_ego(n.strip()) for n in egos.split(","))
+    _check_noise(noise_std)
+    if grid == 1:
+        raise typer.BadParameter("--grid: is 1; a heatmap has at least 2 points per axis")
     from evaluation.demonstration import evaluate_crosswalk
 
     evaluate_crosswalk(

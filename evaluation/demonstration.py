@@ -157,13 +157,16 @@ def demonstrate(data: Path | None, workers: int | None, out: Path) -> None:
     # The study comes first: its processes compile side by side what the later parts need.
     console.rule("1. Does foresight help? Four egos, the same crossings")
     egos = ("oracle", "foresight", "farsighted", "constant-velocity")
-    rows = closed_loop.study(out / "closed_loop", egos, range(5), workers=workers)
+    # What an earlier version left there would hide what this one does: the demo starts afresh.
+    rows = closed_loop.study(out / "closed_loop", egos, range(5), workers=workers, fresh=True)
     print_closed_loop(console, [summarise(rows, e) for e in egos], rows)
     console.print(f"picture: {closed_loop_summary(rows, egos, out / 'closed_loop.png')}")
     console.rule("2. One of them: the ego infers the other's foresight while it walks")
     _draw(console, "foresight", 4, ClosedLoop(), out / "episode")
     console.rule("3. How well can foresight be inferred? Error against noise")
-    rows = estimation.study(out / "estimation", 3, 3, observations=("full",), workers=workers)
+    rows = estimation.study(
+        out / "estimation", 3, 3, observations=("full",), workers=workers, fresh=True
+    )
     print_estimation(console, rows)
     console.print(f"picture: {error_against_noise(rows, out / 'error_against_noise.png')}")
     console.print(f"picture: {_trial(console, out)}")

@@ -132,8 +132,12 @@ def study(
     proximity: Proximity = "soft",
     starts: int = 8,
     workers: int | None = None,
+    fresh: bool = False,
 ) -> list[Row]:
-    """Run (or finish) the study in `folder`: levels x sequences x observation models x methods."""
+    """Run (or finish, unless `fresh`) the study in `folder`.
+
+    Its trials: noise levels x sequences x observation models x methods.
+    """
     configuration = {
         "levels": levels,
         "sequences": sequences,
@@ -141,7 +145,7 @@ def study(
         "proximity": proximity,
         "starts": starts,
     }
-    store = Store(folder, "estimation", configuration, KEY)
+    store = Store(folder, "estimation", configuration, KEY, fresh=fresh)
     trials: list[dict[str, Any]] = [
         {
             "observation": o,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,7 +31,13 @@ OBSERVED = 9
 PREDICTED = 10
 """Predicted steps: 4 s."""
 LEAD_SECONDS = 2.0
-"""The prediction starts this long before the first agent reaches the crossing point."""
+"""The prediction starts this long before the first agent reaches the crossing point, or as soon as
+both have been seen `LEAST_OBSERVED` times, whichever is later."""
+LEAST_OBSERVED = 4
+"""Observations of both agents without which nothing is predicted."""
+LEAST_LEAD = STEP_SECONDS
+"""Of pairs that the project picks itself: those that were seen together too late are no
+predictions of the encounter."""
 METHODS = ("foresight", "farsighted", "constant velocity")
 
 NOISE_STD = 0.03
@@ -70,6 +77,13 @@ class Encounter:
     """NaN where an agent was missing."""
     truth: Float[np.ndarray, "P A 4"]
     present: Bool[np.ndarray, "P A"]
+    lead: float
+    """Seconds from the last observation to the first agent's reaching the crossing point."""
+
+    @property
+    def history(self) -> int:
+        """Observations of the agent that was seen less often."""
+        return int((~np.isnan(self.observed[..., 0])).sum(axis=0).min())
 
 
 class EncounterError(ValueError):
@@ -85,8 +99,9 @@ def encounters(
 ) -> tuple[Encounter, ...]:
     """The encounter of two given agents, or those of the `count` closest crossings, in order.
 
-    Pairs that were not both seen long enough around their crossing are passed over, unless they
-    were asked for by id. Raises `RecordingError` for a bad file and `EncounterError` for bad ids.
+    Pairs that were not both seen long enough around their crossing, or not before it, are passed
+    over, unless they were asked for by id. Raises `RecordingError` for a bad file and
+    `EncounterError` for bad ids.
     """
     recording = open_recording(path, recording=recording_number)
     if agents is not None:
@@ -106,9 +121,12 @@ def encounters(
     found = []
     for interaction in closest_crossings(recording):
         try:
-            found.append(cut(recording, interaction))
+            encounter = cut(recording, interaction)
         except EncounterError:
             continue
+        if encounter.lead < LEAST_LEAD:
+            continue
+        found.append(encounter)
         if count is not None and len(found) == count:
             break
     if not found:
@@ -126,10 +144,10 @@ def cut(recording: Recording, interaction: Interaction) -> Encounter:
     tracks = [recording.track(a) for a in interaction.agents]
     both = max(int(t.frames[0]) for t in tracks), min(int(t.frames[-1]) for t in tracks)
     last = round((interaction.times[0] - LEAD_SECONDS) * rate)
-    # Late arrivals are observed for as long as there is: at least four observations of both.
-    last = max(last, both[0] + 3 * every)
+    # Late arrivals are observed for as long as there is.
+    last = max(last, both[0] + (LEAST_OBSERVED - 1) * every)
     base = int(tracks[0].frames[0])
-    last = base + round((last - base) / every) * every
+    last = base + math.ceil((last - base) / every) * every
     if last + 4 * every > both[1]:
         raise EncounterError(
             f"{interaction.agents[0]} and {interaction.agents[1]}: not both seen for "
@@ -137,7 +155,7 @@ def cut(recording: Recording, interaction: Interaction) -> Encounter:
         )
     first = last - (OBSERVED - 1) * every
     window = recording.window(interaction.agents, first, OBSERVED + PREDICTED, every)
-    if window.present[:OBSERVED].sum(axis=0).min() < 3:
+    if window.present[:OBSERVED].sum(axis=0).min() < LEAST_OBSERVED:
         raise EncounterError(f"{interaction.agents}: too few observations before the crossing")
     return Encounter(
         recording.name,
@@ -146,6 +164,7 @@ def cut(recording: Recording, interaction: Interaction) -> Encounter:
         window.states[:OBSERVED],
         window.states[OBSERVED:],
         window.present[OBSERVED:],
+        float(interaction.times[0]) - last / rate,
     )
 
 

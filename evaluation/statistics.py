@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +16,24 @@ class Interval(NamedTuple):
     mean: float
     low: float
     high: float
+
+
+def clustered_interval(
+    values: Float[np.ndarray, "n"], clusters: Sequence[Hashable], *, seed: int = 0
+) -> Interval:
+    """Mean of values that depend on each other within clusters: whole clusters are resampled.
+
+    Davison and Hinkley, "Bootstrap Methods and their Application" (1997), section 3.8.
+    """
+    data = np.asarray(values, dtype=float)
+    names, place = np.unique([repr(c) for c in clusters], return_inverse=True)
+    sums = np.bincount(place, weights=data)
+    counts = np.bincount(place)
+    random = np.random.default_rng(seed)
+    drawn = random.integers(0, len(names), (2000, len(names)))
+    means = sums[drawn].sum(axis=1) / counts[drawn].sum(axis=1)
+    low, high = np.percentile(means, [2.5, 97.5])
+    return Interval(float(data.mean()), float(low), float(high))
 
 
 def mean_interval(values: Float[np.ndarray, "n"], *, seed: int = 0) -> Interval:

@@ -30,10 +30,21 @@ class Store:
     """One study's folder. `key` names the columns that identify a trial."""
 
     def __init__(
-        self, folder: str | Path, study: str, configuration: Mapping[str, Any], key: tuple[str, ...]
+        self,
+        folder: str | Path,
+        study: str,
+        configuration: Mapping[str, Any],
+        key: tuple[str, ...],
+        *,
+        fresh: bool = False,
     ) -> None:
+        """`fresh`: earlier results in the folder are deleted (other files never are)."""
         self.folder = Path(folder)
         self.key = key
+        if fresh and (self.folder / "manifest.json").exists():
+            for part in self.folder.glob("part-*.parquet"):
+                part.unlink()
+            (self.folder / "manifest.json").unlink()
         wanted = {
             "study": study,
             "configuration": json.loads(json.dumps(configuration)),

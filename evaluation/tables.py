@@ -16,8 +16,10 @@ from evaluation.statistics import Interval, mean_interval
 from evaluation.store import Row
 
 
-def _pm(interval: Interval, digits: int = 2) -> str:
+def _pm(interval: Interval | None, digits: int = 2) -> str:
     """Mean and the larger half of its interval: short enough for a narrow terminal."""
+    if interval is None or not np.isfinite(interval.mean):
+        return "-"
     half = max(interval.high - interval.mean, interval.mean - interval.low)
     return f"{interval.mean:.{digits}f} ±{half:.{digits}f}"
 
@@ -36,7 +38,7 @@ def print_closed_loop(console: Console, summaries: Sequence[Summary], rows: Sequ
         "min distance [m]": [_pm(s.min_distance) for s in summaries],
         "smallest of all [m]": [f"{s.smallest_distance:.2f}" for s in summaries],
         "time to goal [s]": [_pm(s.time_to_goal) for s in summaries],
-        "cost": [_pm(s.cost, 1) for s in summaries],
+        "cost, unharmed": [_pm(s.cost, 1) for s in summaries],
         "decision p50 [ms]": [f"{s.latency_median:.0f}" for s in summaries],
         "decision p99 [ms]": [f"{s.latency_p99:.0f}" for s in summaries],
         "failed solves": [str(s.failures) for s in summaries],
@@ -49,10 +51,13 @@ def print_closed_loop(console: Console, summaries: Sequence[Summary], rows: Sequ
     names = [s.ego for s in summaries]
     if "foresight" not in names:
         return
-    console.print("gamma inferred minus the others, same seeds (negative cost is better):")
+    console.print(
+        "gamma inferred minus the others, same seeds (cost: those where neither collided, negative "
+        "is better):"
+    )
     for other in names:
         if other != "foresight":
-            cost = paired_difference(list(rows), "foresight", other, "cost")
+            cost = paired_difference(list(rows), "foresight", other, "cost", with_collisions=False)
             distance = paired_difference(list(rows), "foresight", other, "min_distance")
             console.print(f"  {LABELS[other]}: cost {_pm(cost, 1)}, min distance {_pm(distance)} m")
 

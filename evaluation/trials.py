@@ -7,6 +7,7 @@ import os
 import traceback
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
 from typing import Any
 
 from rich.progress import (
@@ -93,8 +94,20 @@ def run_trials(
                     min(count, len(todo)), context, initializer=single_threaded
                 ) as pool:
                     futures = [pool.submit(attempt, function, t, store.key) for t in todo]
-                    for future in as_completed(futures):
-                        done(future.result())
+                    try:
+                        for future in as_completed(futures):
+                            done(future.result())
+                    except BrokenProcessPool as error:
+                        raise OSError(
+                            "a worker process was killed (out of memory?); finished trials are "
+                            "kept, run the same command again or with fewer --workers"
+                        ) from error
+                    except BaseException:
+                        # An interrupt ends the study now, not when all that waits has been run.
+                        pool.shutdown(wait=False, cancel_futures=True)
+                        for process in multiprocessing.active_children():
+                            process.terminate()
+                        raise
         finally:
             store.append(pending)
     return store.rows()

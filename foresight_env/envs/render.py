@@ -65,7 +65,12 @@ class Renderer:
         if mode == "human":
             pygame.display.init()
             pygame.display.set_caption("foresight_env: crosswalk")
-            self._window = pygame.display.set_mode((WIDTH, HEIGHT))
+            try:
+                self._window = pygame.display.set_mode((WIDTH, HEIGHT))
+            except pygame.error as error:
+                raise OSError(
+                    f"render_mode: 'human' needs a display ({error}); use 'rgb_array' without one"
+                ) from error
             self._clock = pygame.time.Clock()
 
     def draw(self, frame: Frame) -> UInt8[np.ndarray, "H W 3"] | None:

@@ -120,7 +120,7 @@ def solution_tangent(
     fixed = jax.tree.map(jax.lax.stop_gradient, parameters)
     exact = jnp.zeros(())
     ev = evaluate(layout, masks, point, fixed, exact, options)
-    factor = factorise(stage_system(layout, masks, point, ev, exact))
+    factor = factorise(stage_system(layout, masks, point, ev))
 
     def conditions(p: Parameters) -> tuple[Array, Array, Array, Array]:
         at = evaluate(layout, masks, point, p, exact, options)

@@ -38,7 +38,7 @@ class Options:
     """Newton steps per attempt."""
     barrier: float = 1e-9
     """Complementarity product at the solution: the solution is a smooth function of parameters."""
-    start_barrier: float = 0.1
+    start_barrier: float = 1.0
     """Complementarity product of a cold start."""
     exact_below: float = 1e-2
     """Residual below which curvature of proximity terms and constraints is used exactly."""
@@ -165,9 +165,7 @@ def _largest(values: Array) -> Scalar:
     return jnp.max(jnp.abs(values), initial=0.0)
 
 
-def stage_system(
-    layout: Layout, masks: Masks, point: Iterate, ev: Evaluation, convexity: Scalar
-) -> StageSystem:
+def stage_system(layout: Layout, masks: Masks, point: Iterate, ev: Evaluation) -> StageSystem:
     """The linear system with slacks and bound multipliers eliminated."""
     lin = ev.lin
     diagonal = (
@@ -175,7 +173,7 @@ def stage_system(
         + masks.high * point.mult_high / point.slack_high
     )
     hessian = lin.hessian + jax.vmap(jnp.diag)(diagonal)
-    curvature = dynamics_hessian(layout, point, ev, convexity)
+    curvature = dynamics_hessian(layout, point, ev)
     b = lin.b
     if layout.rows:
         # Row multipliers stay among a stage's unknowns, beside its controls. Eliminating them too
@@ -204,15 +202,16 @@ def row_softness(masks: Masks, point: Iterate, penalty: Array) -> Float[Array, "
     return jnp.where(masks.equality, EQUALITY_REGULARISATION, softness)
 
 
-def dynamics_hessian(
-    layout: Layout, point: Iterate, ev: Evaluation, convexity: Scalar
-) -> Float[Array, "T w w"]:
-    """Second derivatives of `q_t' f(t, x_t, u_t)` by `(x_t, u_t)`; zero for linear dynamics."""
+def dynamics_hessian(layout: Layout, point: Iterate, ev: Evaluation) -> Float[Array, "T w w"]:
+    """Second derivatives of `q_t' f(t, x_t, u_t)` by `(x_t, u_t)`; zero for linear dynamics.
+
+    They are kept where `linearise` drops those of proximity: a car far from its goal has large
+    costates, and without this term nothing tells the method how its controls act on the heading.
+    """
     shape = ev.lin.hessian.shape
     if all(p.dynamics.linear for p in layout.game.players):
         return jnp.zeros(shape, ev.lin.hessian.dtype)
 
-    # x_t itself is not among the unknowns at t = 1, but its column is harmless: dx_1 is given.
     def stage(t, xp, u, q):
         def total(v):
             x_parts, u_parts = layout.split(v)
@@ -225,8 +224,7 @@ def dynamics_hessian(
         return jax.hessian(total)(jnp.concatenate([xp, u]))
 
     stages = jnp.arange(1, shape[0] + 1)
-    previous = jnp.concatenate([point.x[:1], point.x[:-1]])
-    return (1.0 - convexity) * jax.vmap(stage)(stages, previous, point.u, ev.q)
+    return jax.vmap(stage)(stages, ev.lin.previous, point.u, ev.q)
 
 
 class Targets(NamedTuple):
@@ -377,8 +375,7 @@ def iterate(
     def body(loop: Loop) -> Loop:
         point, ev = loop.point, loop.evaluation
         penalty = ev.lin.penalty
-        convexity = convexity_at(loop)
-        system = stage_system(layout, masks, point, ev, convexity)
+        system = stage_system(layout, masks, point, ev)
         factor = factorise(system)
 
         def solve(target: Targets) -> Iterate:
@@ -400,7 +397,7 @@ def iterate(
         primal, dual = step_lengths(masks, point, penalty, step, fraction)
         point = advance(point, step, primal, dual)
         # The next linearisation's curvature is chosen by the present error: one evaluation a step.
-        ev = evaluate(layout, masks, point, parameters, convexity, options)
+        ev = evaluate(layout, masks, point, parameters, convexity_at(loop), options)
         finite = jnp.stack([jnp.all(jnp.isfinite(v)) for v in (ev.error, *point)]).all()
         # A step that overflowed is not taken: what is returned says how far the method came.
         point, ev = jax.tree.map(

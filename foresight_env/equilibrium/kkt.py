@@ -20,6 +20,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from foresight_env.equilibrium.layout import Layout
+from foresight_env.equilibrium.recursion import affine_recursion
 from foresight_env.games.costs import Composite
 from foresight_env.games.types import AnyArray, CostFunction, Scalar, Theta
 
@@ -69,6 +70,8 @@ class Linearisation(NamedTuple):
     share: Float[Array, "T K w"]
     """How strongly row k's multiplier acts on the owner of an entry of `w`."""
     penalty: Float[Array, "K"]
+    previous: Float[Array, "T n"]
+    """The states that stages start from: x_1 (given) to x_T."""
 
 
 def discount_ratios(layout: Layout, gamma: Float[AnyArray, "N"]) -> Float[Array, "T N"]:
@@ -81,7 +84,7 @@ def discount_ratios(layout: Layout, gamma: Float[AnyArray, "N"]) -> Float[Array,
     return jnp.stack([jnp.broadcast_to(c, stages.shape) for c in columns], axis=1)
 
 
-def _row_shares(layout: Layout, ratios: Float[Array, "T N"]) -> Float[Array, "T K w"]:
+def row_shares(layout: Layout, ratios: Float[Array, "T N"]) -> Float[Array, "T K w"]:
     """Weights of each row's multiplier in each player's current-value conditions."""
     horizon, count = ratios.shape
     if not layout.rows:
@@ -132,14 +135,14 @@ def linearise(
 ) -> Linearisation:
     """Derivatives of all stages at `point`.
 
-    `convexity` = 1 drops the curvature of proximity terms, constraints and dynamics (every player's
+    `convexity` = 1 drops the curvature of proximity terms and constraints (every player's
     own problem is then convex when its costs are); 0 is Newton's exact matrix.
     """
     game = layout.game
     theta = parameters.theta
     stages = jnp.arange(1, game.horizon + 1)
     ratios = discount_ratios(layout, parameters.gamma)
-    share = _row_shares(layout, ratios)
+    share = row_shares(layout, ratios)
     undiscounted = jnp.exp(-jnp.cumsum(jnp.log(jnp.maximum(ratios, 1e-300)), axis=0))
     rho = ratios[:, layout.state_owner]
     penalty = layout.penalties(theta).astype(point.x.dtype)
@@ -203,21 +206,19 @@ def linearise(
         stages, w, previous, undiscounted, point.mult, share
     )
     gradient = gradient - point.mult_low + point.mult_high
-    return Linearisation(gradient, hessian, a, b, defect, rho, values, jacobian, share, penalty)
+    return Linearisation(
+        gradient, hessian, a, b, defect, rho, values, jacobian, share, penalty, previous
+    )
 
 
 def costates(lin: Linearisation, n: int) -> Float[Array, "T n"]:
     """Each player's current-value costate of its own state, by the backward recursion."""
 
-    def step(carry, stage):
-        gradient_x, a, rho = stage
-        q = gradient_x + carry
-        return rho * (a.T @ q), q
-
-    _, q = jax.lax.scan(
-        step, jnp.zeros(n, lin.gradient.dtype), (lin.gradient[:, :n], lin.a, lin.rho), reverse=True
-    )
-    return q
+    # q_t = g_t + (rho A)_{t+1}' q_{t+1}, and nothing comes after the last stage.
+    pulled = lin.rho[:, :, None] * jnp.swapaxes(lin.a, 1, 2)
+    pulled = jnp.concatenate([pulled[1:], jnp.zeros_like(pulled[:1])])
+    zero = jnp.zeros(n, lin.gradient.dtype)
+    return affine_recursion(pulled, lin.gradient[:, :n], zero, reverse=True)
 
 
 def stationarity(lin: Linearisation, q: Float[Array, "T n"]) -> Float[Array, "T m"]:

@@ -59,13 +59,14 @@ WEAK_COMPLEMENTARITY = 1e-3
 """Margin below which derivatives are smoothed across a change of the active set."""
 
 
-def complementarity_margin(layout: Layout, point: Iterate) -> Scalar:
-    """`min max(slack, multiplier)` over bounds and rows."""
+def complementarity_margin(layout: Layout, point: Iterate, penalty: Float[AnyArray, "K"]) -> Scalar:
+    """`min max(slack, multiplier)` over bounds and rows, both sides of elastic ones."""
     masks = masks_of(layout)
     pairs = (
         (masks.low, point.slack_low, point.mult_low),
         (masks.high, point.slack_high, point.mult_high),
         (jnp.broadcast_to(masks.inequality, point.slack.shape), point.slack, point.mult),
+        (jnp.broadcast_to(masks.elastic, point.slack.shape), point.excess, penalty - point.mult),
     )
     each = [
         jnp.min(jnp.where(mask > 0, jnp.maximum(slack, mult), jnp.inf), initial=jnp.inf)
@@ -80,6 +81,8 @@ def _status(layout: Layout, raw: Equilibrium, parameters: Parameters) -> Int[Arr
     state = parameters.x0
     outside = jnp.any(state < low[0, :n] - BOUND_SLACK) | jnp.any(state > high[0, :n] + BOUND_SLACK)
     finite = jnp.stack([jnp.all(jnp.isfinite(v)) for v in jax.tree.leaves(parameters)]).all()
+    least, most = np.array([p.discounting.limits for p in layout.game.players]).T
+    outside |= jnp.any(parameters.gamma < least) | jnp.any(parameters.gamma > most)
     # Infeasibility comes first: it is what makes multipliers grow, in the end until they overflow.
     failed = jnp.where(
         (raw.violation > VIOLATED) & (largest_multiplier(raw.point) > 1e3),
@@ -99,7 +102,7 @@ def to_solution(layout: Layout, raw: Equilibrium, parameters: Parameters) -> Sol
         _status(layout, raw, parameters),
         jnp.maximum(raw.error, raw.complementarity),
         raw.iterations,
-        complementarity_margin(layout, raw.point),
+        complementarity_margin(layout, raw.point, layout.penalties(parameters.theta)),
         raw.point,
     )
 
@@ -220,7 +223,7 @@ def solve(
     """
     layout = layout_of(game)
     parameters = check_parameters(game, x0, theta, gamma)
-    start = _check_guess(layout, guess)
+    start = check_guess(layout, guess)
     if not is_traced(parameters, start):
         with jax.enable_x64(True):
             result: Solution = to_numpy(_solve_from(layout, options, parameters, start))
@@ -233,7 +236,7 @@ def solve(
     return call_in_double(lambda p: _solve_from(layout, options, *p), (parameters, start))
 
 
-def _check_guess(layout: Layout, guess: Any) -> Iterate | AnyArray | None:
+def check_guess(layout: Layout, guess: Any) -> Iterate | AnyArray | None:
     """A guess as joint arrays: an iterate, or controls (T, m)."""
     horizon = layout.game.horizon
     if guess is None:

@@ -12,11 +12,15 @@ not symmetric: its rows belong to different players.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
+from jax.custom_batching import custom_vmap
 from jaxtyping import Array, Float
+
+from foresight_env.equilibrium.recursion import affine_recursion
 
 
 class StageSystem(NamedTuple):
@@ -34,35 +38,63 @@ class Factor(NamedTuple):
     """What vector solves reuse."""
 
     gain: Float[Array, "T m n"]
+    """K."""
     inverse: Float[Array, "T m m"]
+    """Inverse of what multiplies `du_t`."""
     left: Float[Array, "T m n"]
-    back: Float[Array, "T n m"]
+    """`Hux + B' P`."""
     value: Float[Array, "T n n"]
+    """P."""
+    closed: Float[Array, "T n n"]
+    """`A + B K`: how `dx` moves."""
+    adjoint: Float[Array, "T n n"]
+    """How the offsets p move backward."""
+    back: Float[Array, "T n m"]
     a: Float[Array, "T n n"]
     b: Float[Array, "T n m"]
     rho: Float[Array, "T n"]
 
 
+class _Recursion(NamedTuple):
+    """What the backward matrix recursion leaves behind, per stage."""
+
+    value: Float[Array, "T n n"]
+    gain: Float[Array, "T m n"]
+    block: Float[Array, "T w w"]
+    """Second derivatives of cost-to-go by (x_t, u_t), rows of different players."""
+
+
+SMALL_STAGE = 16
+"""Up to this stage size a library call costs more than the arithmetic it does (`make bench`)."""
+
+
 def factorise(system: StageSystem) -> Factor:
     """Backward matrix recursion."""
     n = system.a.shape[1]
-
-    def step(carry, s):
-        h, f, a, b, rho = s
-        p = h[:n, :n] + carry
-        left = h[n:, :n] + b.T @ p
-        back_u = p @ b + h[:n, n:]
-        inverse = jnp.linalg.inv(h[n:, n:] + f[n:, n:] + b.T @ h[:n, n:] + left @ b)
-        gain = -inverse @ (left @ a + f[n:, :n])
-        back = a.T @ back_u + f[:n, n:]
-        carry = rho[:, None] * (a.T @ p @ a + f[:n, :n] + back @ gain)
-        return carry, (gain, inverse, left, back, p)
-
-    zero = jnp.zeros((n, n), system.hessian.dtype)
-    _, (gain, inverse, left, back, value) = jax.lax.scan(
-        step, zero, (*system[:2], system.a, system.b, system.rho), reverse=True
+    transition = jnp.concatenate([system.a, system.b], axis=2)
+    left_now = system.hessian[:, n:, :n]
+    control_now = jnp.zeros_like(system.hessian).at[:, n:, n:].set(system.hessian[:, n:, n:])
+    # What the present stage adds: x_{t+1} = transition (x_t, u_t) enters Hux and Hxu.
+    direct = system.dynamics_hessian + control_now
+    direct = direct.at[:, n:, :].add(left_now @ transition)
+    direct = direct.at[:, :, n:].add(jnp.swapaxes(transition, 1, 2) @ system.hessian[:, :n, n:])
+    value, gain, block = _recursion(system.hessian[:, :n, :n], direct, transition, system.rho)
+    inverse = _inverses(block[:, n:, n:])
+    back = block[:, :n, n:]
+    backed = back @ inverse
+    transposed = jnp.swapaxes(system.b, 1, 2)
+    return Factor(
+        gain,
+        inverse,
+        left_now + transposed @ value,
+        value,
+        system.a + system.b @ gain,
+        system.rho[:, :, None] * (jnp.swapaxes(system.a, 1, 2) - backed @ transposed),
+        back,
+        system.a,
+        system.b,
+        system.rho,
     )
-    return Factor(gain, inverse, left, back, value, system.a, system.b, system.rho)
 
 
 def solve_stages(
@@ -73,26 +105,93 @@ def solve_stages(
     dx0: Float[Array, "n"],
 ) -> tuple[Float[Array, "T n"], Float[Array, "T m"]]:
     """`dx_{t+1}`, `du_t` for one right-hand side; `vmap` over several."""
+    transposed = jnp.swapaxes(factor.b, 1, 2)
+    fixed = _times(factor.left, defect) + _times(transposed, r_x) + r_u
+    pushed = _times(jnp.swapaxes(factor.a, 1, 2), _times(factor.value, defect) + r_x)
+    offset = factor.rho * (pushed - _times(factor.back, _times(factor.inverse, fixed)))
+    # y_t: what stages after t add to p_t; none after the last one.
+    later = affine_recursion(factor.adjoint, offset, jnp.zeros_like(dx0), reverse=True)
+    y = jnp.concatenate([later[1:], jnp.zeros_like(later[:1])])
+    k = -_times(factor.inverse, fixed + _times(transposed, y))
+    dx = affine_recursion(factor.closed, _times(factor.b, k) + defect, dx0)
+    before = jnp.concatenate([dx0[None], dx[:-1]])
+    return dx, _times(factor.gain, before) + k
 
-    def backward(y, s):
-        rx, ru, d, inverse, left, back, value, a, b, rho = s
-        p = rx + y
-        k = -inverse @ (left @ d + b.T @ p + ru)
-        return rho * (a.T @ (value @ d + p) + back @ k), k
 
-    _, offsets = jax.lax.scan(
-        backward,
-        jnp.zeros_like(r_x[0]),
-        (r_x, r_u, defect, factor.inverse, factor.left, factor.back, factor.value, factor.a,
-         factor.b, factor.rho),
-        reverse=True,
-    )  # fmt: skip
+def _times(matrices: Float[Array, "T a b"], vectors: Float[Array, "T b"]) -> Float[Array, "T a"]:
+    return jnp.sum(matrices * vectors[:, None, :], axis=2)
 
-    def forward(dx, s):
-        gain, k, a, b, d = s
-        du = gain @ dx + k
-        dx = a @ dx + b @ du + d
-        return dx, (dx, du)
 
-    _, (dx, du) = jax.lax.scan(forward, dx0, (factor.gain, offsets, factor.a, factor.b, defect))
-    return dx, du
+def _riccati(
+    hxx: Array, direct: Array, transition: Array, rho: Array, small: bool, product: Any
+) -> _Recursion:
+    n = hxx.shape[1]
+
+    def step(carry: Array, stage: tuple[Array, ...]) -> tuple[Array, _Recursion]:
+        h, d, z, r = stage
+        p = h + carry
+        block = product(product(z.T, p), z) + d
+        if small:
+            gain = -_eliminate(block[n:, n:], block[n:, :n])
+        else:
+            gain = -jnp.linalg.inv(block[n:, n:]) @ block[n:, :n]
+        carry = r[:, None] * (block[:n, :n] + product(block[:n, n:], gain))
+        return carry, _Recursion(p, gain, block)
+
+    begin = jnp.zeros((n, n), hxx.dtype)
+    _, out = jax.lax.scan(step, begin, (hxx, direct, transition, rho), reverse=True)
+    return out
+
+
+def _library_product(a: Array, b: Array) -> Array:
+    return a @ b
+
+
+def _fused_product(a: Array, b: Array) -> Array:
+    return jnp.sum(a[:, :, None] * b[None, :, :], axis=1)
+
+
+@custom_vmap
+def _recursion(hxx: Array, direct: Array, transition: Array, rho: Array) -> _Recursion:
+    """One game: where matrices are small, products are fused into the surrounding arithmetic."""
+    small = transition.shape[2] <= SMALL_STAGE
+    product = _fused_product if small else _library_product
+    return _riccati(hxx, direct, transition, rho, small, product)
+
+
+@_recursion.def_vmap
+def _recursion_batched(
+    size: int, batched: list[bool], *arguments: Array
+) -> tuple[_Recursion, _Recursion]:
+    """Many games at once: a batched library product beats the fused one."""
+    small = arguments[2].shape[-1] <= SMALL_STAGE
+
+    def one(hxx: Array, direct: Array, transition: Array, rho: Array) -> _Recursion:
+        return _riccati(hxx, direct, transition, rho, small, _library_product)
+
+    axes = tuple(0 if b else None for b in batched)
+    return jax.vmap(one, in_axes=axes, axis_size=size)(*arguments), _Recursion(True, True, True)  # type: ignore[arg-type]
+
+
+def _eliminate(matrix: Float[Array, "m m"], right: Float[Array, "m k"]) -> Float[Array, "m k"]:
+    """`matrix^-1 right` by Gauss-Jordan elimination without row exchanges.
+
+    The order (controls, then row multipliers) keeps pivots away from 0: controls carry the players'
+    own curvature, and multipliers a softness that is never negative (Vanderbei, SIAM J. Optim. 5,
+    1995). What rounding is left, Newton's iteration corrects.
+    """
+    size = matrix.shape[0]
+    both = jnp.concatenate([matrix, right], axis=1)
+    rows = np.arange(size)[:, None]
+    for k in range(size):
+        pivot = both[k] / both[k, k]
+        both = jnp.where(rows == k, pivot[None], both - both[:, k : k + 1] * pivot[None])
+    return both[:, size:]
+
+
+def _inverses(matrices: Float[Array, "T m m"]) -> Float[Array, "T m m"]:
+    """All stages' inverses at once."""
+    if matrices.shape[1] > SMALL_STAGE // 2:
+        return jnp.linalg.inv(matrices)
+    eye = jnp.eye(matrices.shape[1], dtype=matrices.dtype)
+    return jax.vmap(lambda a: _eliminate(a, eye))(matrices)

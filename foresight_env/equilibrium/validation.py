@@ -24,7 +24,8 @@ def joint_state(game: Game, x0: Any) -> jax.Array | np.ndarray:
     """Per-player states, or an (N, n) array, as the joint state (n_1 + ... + n_N,)."""
     sizes = game.state_sizes
     if not isinstance(x0, (list, tuple)) and getattr(x0, "ndim", 0) == 1:
-        x0 = jnp.split(x0, np.cumsum(sizes)[:-1]) if x0.shape == (sum(sizes),) else x0
+        split: Any = jnp.split if is_traced(x0) else np.split
+        x0 = split(x0, np.cumsum(sizes)[:-1]) if x0.shape == (sum(sizes),) else x0
     parts = list(x0)
     if len(parts) != len(sizes):
         raise ValueError(f"x0: has {len(parts)} states; expected one per player, sizes {sizes}")
@@ -44,7 +45,7 @@ def check_parameters(game: Game, x0: Any, theta: Sequence[Theta], gamma: Any) ->
     if isinstance(theta, dict) or len(theta) != count:
         raise ValueError(f"theta: expected {count} mappings, one per player")
     thetas = tuple({name: _entry(name, value) for name, value in p.items()} for p in theta)
-    gamma = gamma if isinstance(gamma, jax.core.Tracer) else np.asarray(gamma, dtype=float)
+    gamma = jnp.asarray(gamma) if is_traced(gamma) else np.asarray(gamma, dtype=float)
     if gamma.shape not in ((), (count,)):
         raise ValueError(f"gamma: has shape {gamma.shape}; expected a number or ({count},)")
     discounts = (
@@ -53,8 +54,17 @@ def check_parameters(game: Game, x0: Any, theta: Sequence[Theta], gamma: Any) ->
     for name, value in (("x0", state), ("theta", thetas), ("gamma", discounts)):
         if not is_traced(value) and not all(np.isfinite(v).all() for v in jax.tree.leaves(value)):
             raise ValueError(f"{name}: contains NaN or infinity; expected finite numbers")
-    if not is_traced(discounts) and (np.asarray(discounts) < 0).any():
-        raise ValueError(f"gamma: is {np.asarray(discounts)}; discount factors are at least 0")
+    if not is_traced(discounts):
+        families = [p.discounting for p in game.players]
+        for i, (family, value) in enumerate(zip(families, discounts, strict=True)):
+            least, most = family.limits
+            if not least <= value <= most:
+                kind = type(family).__name__
+                raise ValueError(
+                    f"gamma[{i}]: is {float(value):g}; {kind} discounting takes {least:g} to "
+                    f"{most:g}"
+                )
+    _check_penalties(game, thetas)
     if not is_traced(state):
         low, high = layout.bounds
         outside = (state < low[0, : layout.n] - BOUND_SLACK) | (
@@ -76,10 +86,27 @@ def check_parameters(game: Game, x0: Any, theta: Sequence[Theta], gamma: Any) ->
     return parameters
 
 
+def _check_penalties(game: Game, thetas: tuple[Theta, ...]) -> None:
+    for i, player in enumerate(game.players):
+        for constraint in player.inequalities:
+            if not isinstance(constraint.penalty, str):
+                continue
+            price = thetas[i].get(constraint.penalty, 1.0)
+            if not is_traced(price) and not np.all(np.asarray(price) > 0.0):
+                raise ValueError(
+                    f"theta[{i}][{constraint.penalty!r}]: is {np.asarray(price)}; a penalty is "
+                    "more than 0 (leave the constraint out if it costs nothing)"
+                )
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, (int, float, np.generic, jax.Array)) and np.ndim(value) == 0
+
+
 def _entry(name: str, value: Any) -> Any:
     """One entry of `theta`: arrays and nested PyTrees as they are, lists of numbers as arrays."""
-    if isinstance(value, (list, tuple)) and all(isinstance(v, (int, float)) for v in value):
-        value = np.asarray(value, dtype=float)
+    if isinstance(value, (list, tuple)) and all(_is_number(v) for v in value):
+        value = jnp.stack([*map(jnp.asarray, value)]) if is_traced(value) else np.asarray(value)
     try:
         return jax.tree.map(lambda v: v if is_traced(v) else np.asarray(v, dtype=float), value)
     except (TypeError, ValueError) as error:

@@ -23,7 +23,7 @@ from foresight_env.equilibrium.interior_point import (
     evaluate,
     masks_of,
 )
-from foresight_env.equilibrium.kkt import Iterate, Parameters, discount_ratios
+from foresight_env.equilibrium.kkt import Iterate, Parameters, discount_ratios, row_shares
 from foresight_env.equilibrium.layout import Layout, layout_of
 from foresight_env.equilibrium.solve import Solution, solve_joint
 from foresight_env.equilibrium.status import Status
@@ -38,14 +38,15 @@ class Verification(NamedTuple):
     """What `verify` found; arrays have one entry per player."""
 
     is_local_equilibrium: Bool[AnyArray, ""]
-    """Solved, curvature not negative, and no local improvement."""
+    """Solved, curvature positive, and no local improvement beyond a millionth of the cost."""
     gap: Float[AnyArray, "N"]
     """Cost minus that of the best response found from the equilibrium itself (a local search), both
-    in current value at the first stage; at most rounding when nobody can improve. It does not tell
-    a saddle, on which the local search may fall back: `curvature` does."""
+    in current value at the first stage; at most rounding when nobody can improve, NaN where that
+    search failed. It does not tell a saddle, on which the local search may fall back: `curvature`
+    does."""
     cold_gap: Float[AnyArray, "N"]
     """The same from a cold start: positive when another local optimum (say, passing on the other
-    side) would be better. -inf where that search failed."""
+    side) would be better. NaN where that search failed."""
     curvature: Float[AnyArray, "N"]
     """Smallest eigenvalue of the player's Lagrangian Hessian on the free subspace, stages scaled to
     current value. Negative: a saddle, not a local equilibrium."""
@@ -71,7 +72,7 @@ def _curvature(layout: Layout, options: Options, parameters: Parameters, point: 
     masks, exact = masks_of(layout), jnp.zeros(())
     ev = evaluate(layout, masks, point, parameters, exact, options)
     lin, n, m, horizon = ev.lin, layout.n, layout.m, layout.game.horizon
-    curve = dynamics_hessian(layout, point, ev, exact)
+    curve = dynamics_hessian(layout, point, ev)
 
     # Columns: all controls, each scaled by Gamma(t)^(-1/2); rows: states scaled by Gamma(t)^(1/2).
     def step(carry: Array, s: Any) -> tuple[Array, tuple[Array, Array]]:
@@ -103,8 +104,9 @@ def _curvature(layout: Layout, options: Options, parameters: Parameters, point: 
     return jnp.linalg.eigvalsh(0.5 * (hessian + hessian.T))[0]
 
 
-def _restricted(layout: Layout, i: int, point: Iterate) -> Iterate:
+def _restricted(layout: Layout, i: int, point: Iterate, parameters: Parameters) -> Iterate:
     """Player i's part of a joint iterate, in the layout of its best-response game."""
+    share = row_shares(layout, discount_ratios(layout, parameters.gamma))
     mine = layout.owner == i
     rows = [k for k, r in enumerate(layout.rows) if r.binds[i] and r.kind != "equality"]
     private = [k for k in rows if layout.rows[k].player == i]
@@ -122,7 +124,7 @@ def _restricted(layout: Layout, i: int, point: Iterate) -> Iterate:
         w(point.mult_high),
         k(point.slack),
         k(point.excess),
-        k(point.mult),
+        k(point.mult * share[:, :, layout.state_slices[i].start]),
     )
 
 
@@ -130,20 +132,20 @@ def _restricted(layout: Layout, i: int, point: Iterate) -> Iterate:
 def _verify(
     layout: Layout, options: Options, parameters: Parameters, point: Iterate, solved: Array
 ) -> Verification:
-    gaps, colds, curvatures = [], [], []
+    gaps, colds, curvatures, costs = [], [], [], []
     for i in range(len(layout.game.players)):
         alone = layout_of(best_response_game(layout.game, i))
         theta = best_response_theta(layout, i, parameters.theta, point.x, point.u)
         mine = Parameters(
             parameters.x0[layout.state_slices[i]], (theta,), parameters.gamma[i : i + 1]
         )
-        own = _restricted(layout, i, point)
+        own = _restricted(layout, i, point, parameters)
         here = player_cost(alone, 0, own.x, own.u, mine)
 
         def gain(found: Equilibrium, mine: Parameters = mine, alone: Layout = alone,
                  here: Array = here) -> Array:  # fmt: skip
             cost = player_cost(alone, 0, found.point.x, found.point.u, mine)
-            return jnp.where(found.success, here - cost, -jnp.inf)
+            return jnp.where(found.success, here - cost, jnp.nan)
 
         nudged = own._replace(
             u=own.u + 1e-3 * jnp.sin(1.0 + jnp.arange(own.u.size)).reshape(own.u.shape)
@@ -151,8 +153,10 @@ def _verify(
         gaps.append(gain(solve_joint(alone, options, mine, nudged)))
         colds.append(gain(solve_joint(alone, options, mine, None)))
         curvatures.append(_curvature(alone, options, mine, own))
+        costs.append(here)
     gap, curvature = jnp.stack(gaps), jnp.stack(curvatures)
-    local = solved & jnp.all(curvature > 0.0) & jnp.all(gap <= 1e-6)
+    rounding = 1e-6 * jnp.maximum(1.0, jnp.abs(jnp.stack(costs)))
+    local = solved & jnp.all(curvature > 0.0) & jnp.all(gap <= rounding)
     return Verification(local, gap, jnp.stack(colds), curvature)
 
 

@@ -64,12 +64,18 @@ class Bounds:
 class Inequality:
     """One player's own inequality `function(i, t, x, u, theta) >= 0` at every stage, (size,).
 
-    `penalty=None` is hard; a number or the name of an entry of `theta` makes it elastic.
+    `penalty=None` is hard; a positive number, or the name of an entry of `theta`, makes it elastic.
     """
 
     function: ConstraintFunction
     size: int
     penalty: Weight | None = None
+
+    def __post_init__(self) -> None:
+        if isinstance(self.penalty, (int, float)) and not self.penalty > 0.0:
+            raise ValueError(
+                f"penalty: is {self.penalty}; expected more than 0, or None for a hard constraint"
+            )
 
 
 @dataclass(frozen=True)
@@ -98,6 +104,12 @@ class SharedInequality:
     size: int
     multiplier: Literal["individual", "common"] = "individual"
     players: tuple[int, ...] | None = None
+
+    def __post_init__(self) -> None:
+        if self.multiplier not in ("individual", "common"):
+            raise ValueError(
+                f'multiplier: is {self.multiplier!r}; expected "individual" or "common"'
+            )
 
 
 @dataclass(frozen=True)

@@ -41,6 +41,8 @@ class Composite(Protocol):
 def distances(i: int, x: States) -> Float[Array, "others"]:
     """Distances (m) from player `i` to every other player; states begin with the position."""
     others = [x[i][:2] - xj[:2] for j, xj in enumerate(x) if j != i]
+    if not others:
+        return jnp.zeros(0)
     squared = jnp.stack([jnp.sum(d**2) for d in others])
     # The square root has no derivative at 0: agents exactly on top of each other get gradient 0.
     positive = jnp.where(squared > 0.0, squared, 1.0)

@@ -6,9 +6,10 @@ Solvers never use `Gamma(t)` itself, which underflows (`0.5**25` is 3e-8), but t
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import ClassVar, Protocol, runtime_checkable
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -18,7 +19,12 @@ from foresight_env.games.types import Scalar
 
 @runtime_checkable
 class Discounting(Protocol):
-    """A family of weights over stages, twice differentiable in `gamma`."""
+    """A family of weights over stages, twice differentiable in `gamma`, with `Gamma(0) = 1`."""
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Smallest and largest `gamma` for which the weights make sense."""
+        ...
 
     def weight(self, t: Float[Array, ""], gamma: Scalar) -> Scalar:
         """`Gamma(t; gamma) > 0`, dimensionless."""
@@ -32,6 +38,8 @@ class Discounting(Protocol):
 @dataclass(frozen=True)
 class Exponential:
     """`Gamma(t) = gamma**t` (paper, section III-A). `gamma -> 0` is myopic, `gamma > 1` allowed."""
+
+    limits: ClassVar[tuple[float, float]] = (0.0, math.inf)
 
     def weight(self, t: Float[Array, ""], gamma: Scalar) -> Scalar:
         return gamma**t
@@ -49,6 +57,8 @@ class Hyperbolic:
     reinforcement" (1987), eq. 1.
     """
 
+    limits: ClassVar[tuple[float, float]] = (1e-3, 1.0)
+
     def weight(self, t: Float[Array, ""], gamma: Scalar) -> Scalar:
         return gamma / (gamma + (1.0 - gamma) * t)
 
@@ -60,13 +70,15 @@ class Hyperbolic:
 class CustomDiscounting:
     """Any twice-differentiable `log Gamma(t; gamma)` given as a function `log_weight(t, gamma)`.
 
-    The logarithm is asked for because it does not underflow.
+    The logarithm is asked for because it does not underflow; what it is at t = 0 is taken off, so
+    that `Gamma(0) = 1`. `limits`: smallest and largest `gamma` that the function is meant for.
     """
 
     log_weight: Callable[[Float[Array, ""], Scalar], Scalar]
+    limits: tuple[float, float] = (0.0, math.inf)
 
     def weight(self, t: Float[Array, ""], gamma: Scalar) -> Scalar:
-        return jnp.exp(self.log_weight(t, gamma))
+        return jnp.exp(self.log_weight(t, gamma) - self.log_weight(jnp.zeros_like(t), gamma))
 
     def ratio(self, t: Float[Array, ""], gamma: Scalar) -> Scalar:
         return jnp.exp(self.log_weight(t + 1.0, gamma) - self.log_weight(t, gamma))

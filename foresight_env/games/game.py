@@ -35,17 +35,27 @@ class Player:
     equalities: tuple[Equality, ...] = ()
     name: str = ""
 
+    def __post_init__(self) -> None:
+        # Games are compared and hashed, which lists cannot be; they are taken all the same.
+        for field in ("costs", "undiscounted_costs", "inequalities", "equalities"):
+            object.__setattr__(self, field, tuple(getattr(self, field)))
+
 
 @dataclass(frozen=True)
 class Game:
-    """`players` over `horizon` stages of `dt` seconds, with constraints that bind several."""
+    """`players` over `horizon` stages of `dt` seconds, with constraints that bind several.
+
+    `dt` = 0 takes it from the players' dynamics (0.1 s where none of them says).
+    """
 
     players: tuple[Player, ...]
     horizon: int
     shared: tuple[SharedInequality, ...] = ()
-    dt: float = 0.1
+    dt: float = 0.0
 
     def __post_init__(self) -> None:
+        for field in ("players", "shared"):
+            object.__setattr__(self, field, tuple(getattr(self, field)))
         if not self.players:
             raise ValueError("players: a game needs at least one player")
         if self.horizon < 1:
@@ -57,7 +67,16 @@ class Game:
                         f"shared[{number}].players: names player {i}, but the game's players are "
                         f"0..{len(self.players) - 1}"
                     )
+        steps = [getattr(p.dynamics, "dt", None) for p in self.players]
+        if self.dt == 0.0:
+            object.__setattr__(self, "dt", next((s for s in steps if s is not None), 0.1))
         for i, player in enumerate(self.players):
+            step = self.dt if steps[i] is None else steps[i]
+            if step != self.dt:
+                raise ValueError(
+                    f"dt: is {self.dt} s, but players[{i}].dynamics moves by {step} s; make them "
+                    "equal"
+                )
             sizes = {
                 "state_bounds": player.dynamics.state_size,
                 "control_bounds": player.dynamics.control_size,

@@ -29,7 +29,8 @@ class CramerRao(NamedTuple):
     """Bounds at the true parameters for noise of variance 1 on every observed entry."""
 
     covariance: Float[np.ndarray, "p p"]
-    """Of the free parameters; multiply by the noise variance."""
+    """Of the free parameters; multiply by the noise variance. Where the observations leave a
+    parameter open, its variance is infinite and its covariances are 0."""
     trajectory: Float[np.ndarray, ""]
     """Of the trajectory error `E||X_hat - X||^2` over all stages and state entries."""
     names: tuple[str, ...]
@@ -72,16 +73,19 @@ def cramer_rao(
     variance 1 on every entry. Directions that the observations do not touch do not count in
     `trajectory` unless the trajectory itself depends on them; it is then infinite.
 
-    Raises `SolveError` when the game is not solved.
+    Raises `ValueError` for wrong arguments and `SolveError` when the game is not solved.
     """
     layout = layout_of(game)
     parameters = check_parameters(game, initial_state, theta, gamma)
     coordinates, chosen = Coordinates.of(layout, free, parameters)
+    if not chosen.any():
+        raise ValueError("free: nothing is free; there is nothing to bound")
+    stages = game.horizon + 1
+    if count is not None and not 1 <= count <= stages:
+        raise ValueError(f"count: is {count}; expected 1 to {stages}, the game's stages")
     problem = Problem(layout, coordinates, model, options)
     with jax.enable_x64(True):
-        seen, states, success, error = to_numpy(
-            _jacobians(problem, count or game.horizon + 1, parameters)
-        )
+        seen, states, success, error = to_numpy(_jacobians(problem, count or stages, parameters))
     if not success:
         raise SolveError(Status.ITERATION_LIMIT, float(error))
     seen, states = seen[:, chosen], states[:, chosen]
@@ -91,5 +95,9 @@ def cramer_rao(
     covariance = (basis * inverse) @ basis.T
     leak = np.linalg.norm(states @ basis[:, blind]) > 1e-6 * np.linalg.norm(states)
     trajectory = np.inf if leak else float(np.trace(states @ covariance @ states.T))
+    open_ = np.sum(basis[:, blind] ** 2, axis=1) > 1e-9
+    covariance[open_] = 0.0
+    covariance[:, open_] = 0.0
+    covariance[open_, open_] = np.inf
     names = tuple(n for n, is_free in zip(coordinates.names, chosen, strict=True) if is_free)
     return CramerRao(covariance, np.asarray(trajectory), names)

@@ -50,6 +50,11 @@ class Coordinates:
             raise ValueError(f"free: has {len(each)} entries; expected one per player, {count}")
         for i, f in enumerate(each):
             for name in f.theta:
+                if name in ("gamma", "x0"):
+                    raise ValueError(
+                        f"free[{i}].theta: {name!r} is what estimates call a discount factor or an "
+                        "initial state; rename that entry of theta"
+                    )
                 if name not in parameters.theta[i]:
                     raise ValueError(
                         f"free[{i}].theta: names {name!r}; player {i} has "
@@ -106,14 +111,25 @@ class Coordinates:
     @property
     def is_gamma(self) -> np.ndarray:
         """(p,) which entries are discount factors."""
-        return np.array([n.startswith("gamma of ") for n in self.names], dtype=bool)
+        return np.asarray(self.kinds == "gamma")
+
+    @property
+    def kinds(self) -> np.ndarray:
+        """(p,) what each entry is: "gamma", "state", or "theta"."""
+        out: list[str] = []
+        for names, size in zip(self.sizes, self.layout.game.state_sizes, strict=True):
+            out += ["theta"] * sum(_size(shape) for _, shape in names) + ["gamma"]
+            out += ["state"] * size
+        return np.array(out)
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """(p,) lower and upper limits: discount factors, and initial states in state bounds."""
-        names = self.names
-        low, high = np.full(len(names), -np.inf), np.full(len(names), np.inf)
-        low[self.is_gamma], high[self.is_gamma] = GAMMA_BOUNDS
-        is_state = np.array([n.startswith("x0[") for n in names], dtype=bool)
+        kinds = self.kinds
+        low, high = np.full(kinds.size, -np.inf), np.full(kinds.size, np.inf)
+        families = np.array([p.discounting.limits for p in self.layout.game.players])
+        low[self.is_gamma] = np.maximum(families[:, 0], GAMMA_BOUNDS[0])
+        high[self.is_gamma] = np.minimum(families[:, 1], GAMMA_BOUNDS[1])
+        is_state = kinds == "state"
         lower, upper = self.layout.bounds
         low[is_state], high[is_state] = lower[0, : self.layout.n], upper[0, : self.layout.n]
         return low, high

@@ -17,7 +17,7 @@ from foresight_env.equilibrium.implicit import Equilibrium, rollout
 from foresight_env.equilibrium.interior_point import Options, start_point
 from foresight_env.equilibrium.kkt import Iterate, Parameters
 from foresight_env.equilibrium.layout import Layout, layout_of
-from foresight_env.equilibrium.solve import Solution, to_solution
+from foresight_env.equilibrium.solve import Solution, check_guess, to_solution
 from foresight_env.equilibrium.status import Status
 from foresight_env.equilibrium.validation import check_parameters
 from foresight_env.games.game import Game
@@ -317,14 +317,15 @@ def estimate(
     if not 1 <= starts.count <= MOST_STARTS:
         raise ValueError(f"starts.count: is {starts.count}; expected 1 to {MOST_STARTS}")
     values, whiten = check_observations(layout, model, observations, covariance)
+    warm = check_guess(layout, guess)
     with jax.enable_x64(True):
         problem = Problem(layout, coordinates, model, options)
         begin = np.asarray(coordinates.pack(parameters))
-        mean, root = prior_terms(prior, coordinates, begin, chosen)
+        mean, root = prior_terms(prior, coordinates, parameters, chosen)
         data = Data(values, whiten, mean, root, chosen.astype(float))
         initial = starts.spread(begin, coordinates.is_gamma & chosen)
         padded = np.pad(initial, ((0, MOST_STARTS - len(initial)), (0, 0)), mode="edge")
-        point = _tracked(problem, data, parameters) if guess is None else Iterate(*guess.point)
+        point = _tracked(problem, data, parameters) if warm is None else warm
         fit, count, costs = _run(
             problem, method, data, parameters, padded, np.asarray(len(initial)), point
         )

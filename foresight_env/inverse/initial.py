@@ -5,9 +5,20 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from foresight_env.games.dynamics import KinematicBicycle
+from foresight_env.games.dynamics import Dynamics, KinematicBicycle
 from foresight_env.games.game import Game
 from foresight_env.games.observations import ObservationModel
+
+
+class NeverSeenError(ValueError):
+    """Some agent has not a single observation."""
+
+
+def _velocity(dynamics: Dynamics, state: Float[np.ndarray, "_"]) -> Float[np.ndarray, "2"]:
+    """Velocity (m/s) that a state of at least four entries stands for."""
+    if isinstance(dynamics, KinematicBicycle):
+        return state[2] * np.array([np.cos(state[3]), np.sin(state[3])])
+    return state[2:4]
 
 
 def guess_initial_states(
@@ -17,8 +28,8 @@ def guess_initial_states(
 
     Entries that are not observed come from the positions: velocities (double integrator) or speed
     and heading (bicycle) by the mean displacement over the first half of the window. Missing
-    observations are NaN; an agent that was never seen raises `ValueError`. Guesses lie inside the
-    state bounds.
+    observations are NaN; an agent never seen raises `NeverSeenError`, one seen late is moved
+    back along its velocity. Guesses lie inside the state bounds.
     """
     owners = np.array([-1 if o is None else o for o in model.owners])
     states = []
@@ -26,20 +37,23 @@ def guess_initial_states(
         mine = observations[:, owners == i]
         seen = np.flatnonzero(~np.isnan(mine).any(axis=1)) if mine.shape[1] >= 2 else np.array([])
         if seen.size == 0:
-            raise ValueError(f"observations: player {i} was never seen; leave it out of the game")
+            raise NeverSeenError(
+                f"observations: player {i} was never seen; leave it out of the game"
+            )
         first = int(seen[0])
         state = np.zeros(player.dynamics.state_size)
         width = min(mine.shape[1], state.size)
         state[:width] = mine[first, :width]
         last = int(seen[min(len(seen) - 1, max(1, len(seen) // 2))])
-        if width == 2 and last > first:
-            velocity = (mine[last, :2] - mine[first, :2]) / (game.dt * (last - first))
-            if isinstance(player.dynamics, KinematicBicycle):
-                state[2:4] = np.hypot(*velocity), np.arctan2(velocity[1], velocity[0])
-            else:
-                state[2:4] = velocity
-        if first > 0 and not isinstance(player.dynamics, KinematicBicycle):
-            state[:2] -= game.dt * first * state[2:4]
+        if state.size >= 4:
+            velocity = _velocity(player.dynamics, state)
+            if width == 2 and last > first:
+                velocity = (mine[last, :2] - mine[first, :2]) / (game.dt * (last - first))
+                if isinstance(player.dynamics, KinematicBicycle):
+                    state[2:4] = np.hypot(*velocity), np.arctan2(velocity[1], velocity[0])
+                else:
+                    state[2:4] = velocity
+            state[:2] -= game.dt * first * velocity
         if player.state_bounds is not None:
             state = np.clip(state, player.state_bounds.lower[0], player.state_bounds.upper[0])
         states.append(state)

@@ -1,15 +1,15 @@
 """Estimation on the way: a window of recent observations and what earlier ones taught.
 
 Each update fits the game to the last `window` observations. Everything before the window enters as
-an arrival cost: the posterior of the fit whose window ended where the present one begins, with its
-state carried to that stage, widened by `Drift`. So no observation is counted twice, and parameters
-may change.
+an arrival cost: the posterior of the fit that ended with the observation before the window's first,
+its state carried to the window's first stage, widened by `Drift`. So no observation is counted
+twice, and parameters may change.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,7 +24,7 @@ from foresight_env.games.types import Theta
 from foresight_env.inverse.coordinates import Free
 from foresight_env.inverse.estimate import Estimate, MultiStart, estimate
 from foresight_env.inverse.gauss_newton import GaussNewton
-from foresight_env.inverse.initial import guess_initial_states
+from foresight_env.inverse.initial import NeverSeenError, guess_initial_states
 from foresight_env.inverse.prior import Prior
 
 
@@ -39,8 +39,10 @@ class Drift(NamedTuple):
 
 
 class Belief(NamedTuple):
-    """Gaussian over the free parameters, initial states moved to the end of their window."""
+    """Gaussian over the free parameters, initial states moved to the stage after their window."""
 
+    stage: int
+    """Which stage that is, counted from the first observation."""
     mean: Float[np.ndarray, "p"]
     covariance: Float[np.ndarray, "p p"]
     widening: Float[np.ndarray, "p"]
@@ -58,6 +60,10 @@ class OnlineState(NamedTuple):
     guess: Solution | None
     theta: tuple[Theta, ...]
     gamma: Float[np.ndarray, "N"]
+    first_theta: tuple[Theta, ...]
+    """What `init` was given: the centre of the first prior."""
+    total: int
+    """Observations so far."""
     failures: int
     """Updates that found no usable fit and kept the previous estimate."""
     misfit: float = 1.0
@@ -75,7 +81,7 @@ class OnlineEstimator:
     """Settings; all that changes travels in `OnlineState`.
 
     `game` has the horizon `window - 1` plus what is to be predicted. `free` must free the initial
-    states. The first updates, with little data, and updates after a failure use several starts.
+    states. The first updates, with little data, and those after a failure use several starts.
     """
 
     game: Game
@@ -102,13 +108,13 @@ class OnlineEstimator:
                 f"{self.window}"
             )
         discounts = np.broadcast_to(np.asarray(gamma, float), (len(self.game.players),)).copy()
-        return OnlineState((), (), None, None, tuple(theta), discounts, 0)
+        return OnlineState((), (), None, None, tuple(theta), discounts, tuple(theta), 0, 0)
 
     def update(self, state: OnlineState, observation: Float[np.ndarray, "size"]) -> OnlineState:
         """Take one observation (NaN where missing); never worse than keeping the last estimate."""
         sliding = len(state.observations) == self.window
         observations = (*state.observations, np.asarray(observation, float))[-self.window :]
-        state = state._replace(observations=observations)
+        state = state._replace(observations=observations, total=state.total + 1)
         if len(observations) < 2:
             return state
         padded = np.full((self.window, self.model.size), np.nan)
@@ -117,13 +123,13 @@ class OnlineEstimator:
             return self._keep(state, sliding)
         try:
             initial = self._initial_state(state, sliding, padded)
-        except ValueError:  # an agent that nobody has seen yet: wait
+        except NeverSeenError:  # wait for it
             return state._replace(failures=state.failures + 1)
         guess = state.guess
         if guess is not None and sliding:
             guess = shift(guess)
-        careful = state.estimate is None or len(observations) < self.careful_updates + 2
-        prior = self._prior(state, sliding)
+        careful = state.guess is None or state.total < self.careful_updates + 2
+        prior = self._prior(state)
 
         def fit(start: Solution | None, count: int) -> Estimate:
             return estimate(
@@ -153,28 +159,37 @@ class OnlineEstimator:
             return self._keep(state, sliding)
         seen = int(np.sum(~np.isnan(np.stack(observations))))
         misfit = max(1.0, float(found.cost) / max(seen - len(found.names), seen // 4, 1))
-        beliefs = (*state.beliefs, self._belief(found, len(observations), misfit))[-self.window :]
+        belief = self._belief(found, len(observations), state.total, misfit)
         return state._replace(
             estimate=found,
             guess=found.solution,
             theta=found.theta,
             gamma=found.gamma,
-            beliefs=beliefs,
+            beliefs=self._remember(state, belief),
             misfit=misfit,
         )
 
     def _keep(self, state: OnlineState, sliding: bool) -> OnlineState:
         """The old estimate, moved along when the window has moved."""
+        state = state._replace(guess=None, failures=state.failures + 1)
         old = state.estimate
-        if old is not None and sliding:
+        if old is None:
+            return state
+        if sliding:
             moved = shift(old.solution)
+            rates = old.state_jacobian
             old = old._replace(
-                solution=moved, initial_state=tuple(np.asarray(s[0]) for s in moved.states)
+                solution=moved,
+                initial_state=tuple(np.asarray(s[0]) for s in moved.states),
+                state_jacobian=np.concatenate([rates[1:], rates[-1:]]),
             )
-        beliefs = state.beliefs[1:] if sliding else state.beliefs
-        return state._replace(
-            estimate=old, guess=None, beliefs=beliefs, failures=state.failures + 1
-        )
+        belief = self._belief(old, len(state.observations), state.total, state.misfit)
+        return state._replace(estimate=old, beliefs=self._remember(state, belief))
+
+    def _remember(self, state: OnlineState, belief: Belief) -> tuple[Belief, ...]:
+        """Beliefs that windows to come may begin with."""
+        start = state.total - len(state.observations)
+        return (*(b for b in state.beliefs if b.stage > start), belief)
 
     def _initial_state(
         self, state: OnlineState, sliding: bool, padded: Float[np.ndarray, "W size"]
@@ -189,25 +204,26 @@ class OnlineEstimator:
             bounded.append(s if box is None else np.clip(s, box.lower[0], box.upper[0]))
         return tuple(bounded)
 
-    def _prior(self, state: OnlineState, sliding: bool) -> Prior:
-        """The arrival cost once the window moves: the belief of one window ago."""
-        if not sliding or len(state.beliefs) < self.window - 1:
-            return self.prior
-        belief = state.beliefs[-(self.window - 1)]
+    def _prior(self, state: OnlineState) -> Prior:
+        """The arrival cost once the window has moved: the belief about its first stage."""
+        start = state.total - len(state.observations)
+        belief = next((b for b in state.beliefs if b.stage == start), None)
+        if belief is None:
+            return replace(self.prior, theta_center=state.first_theta)
         information = np.linalg.inv(belief.covariance + np.diag(belief.widening**2))
         information = 0.5 * (information + information.T)
         # The belief already contains the first prior; it is not counted again.
         return Prior(gamma_weight=0.0, mean=belief.mean, information=information)
 
-    def _belief(self, found: Estimate, stage: int, misfit: float) -> Belief:
-        """The posterior with its initial states carried to the window's last observed stage."""
+    def _belief(self, found: Estimate, ahead: int, stage: int, misfit: float) -> Belief:
+        """The posterior with its initial states carried `ahead`, to the stage of that number."""
         is_state = np.array([name.startswith("x0[") for name in found.names])
         carry = np.eye(len(found.names))
-        carry[is_state] = found.state_jacobian[stage - 1]
+        carry[is_state] = found.state_jacobian[ahead]
         mean = found.values.copy()
-        mean[is_state] = np.concatenate([s[stage - 1] for s in found.solution.states])
+        mean[is_state] = np.concatenate([s[ahead] for s in found.solution.states])
         return Belief(
-            mean, misfit * carry @ found.covariance @ carry.T, self._widening(found.names)
+            stage, mean, misfit * carry @ found.covariance @ carry.T, self._widening(found.names)
         )
 
     def _widening(self, names: Sequence[str]) -> Float[np.ndarray, "p"]:

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
+from foresight_env.equilibrium.kkt import Parameters
+from foresight_env.games.types import Theta
 from foresight_env.inverse.coordinates import Coordinates
 
 
@@ -22,8 +24,10 @@ class Prior:
     gamma_weight: float = 1e-3
     gamma_center: float = 1.0
     theta_deviation: tuple[tuple[str, float], ...] = ()
-    """Names of entries of `theta` with the standard deviation of a belief around the caller's
-    values, such as `(("goal", 3.0),)`."""
+    """Names of entries of `theta` with the standard deviation of a belief around their centre, such
+    as `(("goal", 3.0),)`."""
+    theta_center: tuple[Theta, ...] | None = None
+    """Centres of those beliefs, one mapping per player; None: where the caller's search starts."""
     mean: Float[np.ndarray, "p"] | None = None
     information: Float[np.ndarray, "p p"] | None = None
 
@@ -31,14 +35,26 @@ class Prior:
 def prior_terms(
     prior: Prior,
     coordinates: Coordinates,
-    values: Float[np.ndarray, "p"],
+    start: Parameters,
     free: Bool[np.ndarray, "p"],
 ) -> tuple[Float[np.ndarray, "p"], Float[np.ndarray, "p p"]]:
     """One mean and a square root of the information that stand for all terms of the prior.
 
-    `values`: the caller's start. Fixed parameters have no prior.
+    `start`: where the caller's search starts. Fixed parameters have no prior.
     """
+    centers = start if prior.theta_center is None else start._replace(theta=prior.theta_center)
+    values = np.asarray(coordinates.pack(centers))
     spread = dict(prior.theta_deviation)
+    estimated = {name for names in coordinates.sizes for name, _ in names}
+    for name, deviation in spread.items():
+        if name not in estimated:
+            raise ValueError(
+                f"prior.theta_deviation: names {name!r}; estimated are {sorted(estimated)}"
+            )
+        if not deviation > 0.0:
+            raise ValueError(
+                f"prior.theta_deviation: {name!r} is {deviation}; expected more than 0"
+            )
     entries = [name.split("[")[0].split(" ")[0] for name in coordinates.names]
     believed = np.array([spread[e] ** -2.0 if e in spread else 0.0 for e in entries])
     weight = np.where(coordinates.is_gamma, prior.gamma_weight, believed) * free

@@ -11,8 +11,11 @@ from small_games import (
     CROSSING_GOALS,
     CROSSING_STATES,
     TIGHT,
+    UNEQUAL_STATES,
+    UNEQUAL_THETA,
     crossing,
     crossing_theta,
+    unequal_sizes,
 )
 
 from foresight_env.equilibrium import WEAK_COMPLEMENTARITY, Options, Status, solve
@@ -62,6 +65,31 @@ def test_forward_and_reverse_derivatives_are_those_of_the_solution(kind):
     tolerance = 1e-5 * np.abs(expected).max()
     np.testing.assert_allclose(forward, expected, rtol=1e-5, atol=tolerance)
     np.testing.assert_allclose(np.asarray(reverse), pull @ forward, rtol=1e-7, atol=1e-7)
+
+
+# The same for a bicycle (nonlinear dynamics) that meets a walker: x0 (6), goals (4), gammas (2).
+UNEQUAL = np.concatenate([*UNEQUAL_STATES, *(t["goal"] for t in UNEQUAL_THETA), [0.9, 0.6]])
+
+
+def unequal_trajectory(v):
+    theta = [{"goal": v[6:8]}, {"goal": v[8:10]}]
+    found = solve(unequal_sizes(), [v[:4], v[4:6]], theta, v[10:], options=TIGHT)
+    parts = [*(s[1:] for s in found.states), *found.controls]
+    return (jnp if isinstance(v, jax.Array) else np).concatenate([p.ravel() for p in parts])
+
+
+def test_derivatives_are_right_where_dynamics_are_not_linear():
+    step = 1e-5
+    columns = [
+        (unequal_trajectory(UNEQUAL + step * e) - unequal_trajectory(UNEQUAL - step * e))
+        / (2.0 * step)
+        for e in np.eye(UNEQUAL.size)
+    ]
+    expected = np.stack(columns, axis=1)
+    with jax.enable_x64(True):
+        _, tangent = jax.linearize(unequal_trajectory, jnp.asarray(UNEQUAL))
+        forward = np.asarray(jax.vmap(tangent, out_axes=1)(jnp.eye(UNEQUAL.size)))
+    np.testing.assert_allclose(forward, expected, rtol=1e-5, atol=1e-5 * np.abs(expected).max())
 
 
 def test_vmap_is_a_loop():

@@ -100,7 +100,7 @@ THETA = crossing_theta()
         ),
         ({"gamma": np.ones(3)}, r"gamma: has shape \(3,\)"),
         ({"gamma": [0.9, np.nan]}, "gamma: contains NaN"),
-        ({"gamma": [0.9, -0.1]}, "gamma: is .*at least 0"),
+        ({"gamma": [0.9, -0.1]}, "gamma.1.: is -0.1; .*takes 0 to inf"),
         ({"guess": (np.zeros((8, 2)), np.zeros((7, 2)))}, "guess: controls of shapes"),
     ],
     ids=lambda v: next(iter(v)) if isinstance(v, dict) else "",
