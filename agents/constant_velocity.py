@@ -48,6 +48,8 @@ class ConstantVelocity:
         """See `EgoPolicy`."""
         scene, ego = memory.scene, memory.ego
         model = scene.observation_model(ego)
+        if not memory.observations:
+            raise ValueError("memory: holds no observation yet; call update before act")
         seen = np.stack(memory.observations)
         motions = [
             fit_constant_velocity(player_positions(model, seen, j), scene.dt)

@@ -105,7 +105,7 @@ class Foresight:
             return replace(decision, predicted={}), memory._replace(early=early)
         found = state.estimate
         now = [np.asarray(s[state.stage]) for s in found.solution.states]
-        spread = found.gamma_deviation * np.sqrt(state.misfit)
+        spread = state.gamma_deviation
         gammas = {
             j: (float(found.gamma[j]), float(spread[j])) for j in range(scene.players) if j != ego
         }

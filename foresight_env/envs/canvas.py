@@ -9,7 +9,8 @@ import numpy as np
 import pygame
 from jaxtyping import Float
 
-Colour = tuple[int, int, int]
+from foresight_env.envs.style import Colour
+
 Pixel = tuple[float, float]
 
 DARK, FAINT, LIGHT = (40, 40, 40), (105, 105, 105), (255, 255, 255)
@@ -27,6 +28,16 @@ def faded(colour: Colour) -> Colour:
     """A lighter colour of the same hue."""
     red, green, blue = (round(0.45 * part + 0.55 * 225) for part in colour)
     return red, green, blue
+
+
+def _dashes(along: Float[np.ndarray, "K"]) -> list[Float[np.ndarray, "stops"]]:
+    """Lengths along a line at which each of its dashes begins, bends and ends."""
+    dashes = []
+    for begin in np.arange(0.0, along[-1], DASH + GAP):
+        end = min(begin + DASH, along[-1])
+        inner = along[(along > begin) & (along < end)]
+        dashes.append(np.concatenate([[begin], inner, [end]]))
+    return dashes
 
 
 class Canvas:
@@ -90,23 +101,44 @@ class Canvas:
         """A line through places."""
         self._lines(self._pixels(path), colour, width)
 
-    def dashed(self, path: Float[np.ndarray, "K 2"], colour: Colour, width: float) -> None:
-        """A dashed line through places."""
-        self._dashes(self._pixels(path), colour, width)
-
-    def _dashes(self, pixels: list[Pixel], colour: Colour, width: float) -> None:
-        points = np.array(pixels)
+    def fading(
+        self,
+        path: Float[np.ndarray, "K 2"],
+        opacity: Float[np.ndarray, "K"],
+        colour: Colour,
+        width: float,
+        *,
+        dashed: bool = False,
+    ) -> None:
+        """A line that fades along its way; where it leaves the scene it ends."""
+        points = np.array(self._pixels(path)).reshape(-1, 2)
+        limits = self._scene_width, self._size[1]
+        outside = np.flatnonzero(((points < 0.0) | (points > limits)).any(axis=1))
+        if outside.size:
+            points, opacity = points[: outside[0] + 1], opacity[: outside[0] + 1]
         if len(points) < 2:
             return
+        layer = pygame.Surface(self._surface.get_size(), pygame.SRCALPHA)
+        layer.fill((*colour, 0))
         along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
-        for begin in np.arange(0.0, along[-1], DASH + GAP):
-            end = min(begin + DASH, along[-1])
-            inner = along[(along > begin) & (along < end)]
-            stops = np.concatenate([[begin], inner, [end]])
-            xs, ys = (np.interp(stops, along, points[:, k]) for k in (0, 1))
-            self._lines(list(zip(xs, ys, strict=True)), colour, width)
+        # Backwards, so that what counts more lies above what counts less.
+        for stretch in reversed(_dashes(along) if dashed else [along]):
+            parts = [np.interp(stretch, along, points[:, k]) for k in (0, 1)]
+            shades = np.interp(stretch, along, opacity)
+            pixels = list(zip(*parts, strict=True))
+            for k in reversed(range(len(pixels) - 1)):
+                shade = round(255 * 0.5 * (shades[k] + shades[k + 1]))
+                self._lines(pixels[k : k + 2], (*colour, shade), width, layer)
+        self._surface.blit(layer, (0, 0))
 
-    def _lines(self, pixels: list[Pixel], colour: Colour, width: float) -> None:
+    def _lines(
+        self,
+        pixels: list[Pixel],
+        colour: Colour | tuple[int, int, int, int],
+        width: float,
+        surface: pygame.Surface | None = None,
+    ) -> None:
+        surface = self._surface if surface is None else surface
         fine = [self._fine(pixel) for pixel in pixels]
         radius = 0.5 * width * OVERSAMPLING
         for a, b in pairwise(np.array(fine)):
@@ -115,10 +147,10 @@ class Canvas:
                 # A quadrangle: pygame's own wide lines get thinner the more they slope.
                 side = radius * np.array([-(b - a)[1], (b - a)[0]]) / length
                 corners = [a + side, b + side, b - side, a - side]
-                pygame.draw.polygon(self._surface, colour, corners)
+                pygame.draw.polygon(surface, colour, corners)
         if radius > 1.5:
             for point in fine:
-                pygame.draw.circle(self._surface, colour, point, radius)
+                pygame.draw.circle(surface, colour, point, radius)
 
     def disc(
         self, place: Float[np.ndarray, "2"], radius: float, colour: Colour, ring: bool
@@ -169,7 +201,8 @@ class Canvas:
         elif kind == "true plan":
             self._lines(line, FAINT, 1.5)
         elif kind == "prediction":
-            self._dashes(line, FAINT, 3)
+            for begin, *_, end in _dashes(np.array([0.0, 32.0])):
+                self._lines([(x + begin, y), (x + end, y)], FAINT, 3)
         elif kind == "own plan":
             self._lines(line, FAINT, 3)
         elif kind == "collision":

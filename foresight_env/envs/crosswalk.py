@@ -327,6 +327,7 @@ class CrosswalkParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: i
         frame = Frame(
             trail=np.stack(episode.trail),
             goals=np.stack([own["goal"] for own in episode.crossing.theta]),
+            gamma=np.asarray(episode.crossing.gamma),
             controlled=self._scene.controlled,
             collided=episode.collided,
             planned=planned or (),

@@ -13,20 +13,13 @@ import numpy as np
 import pygame
 from jaxtyping import Bool, Float, UInt8
 
-from foresight_env.envs.canvas import DARK, FAINT, Canvas, Colour, faded
+from foresight_env.envs.canvas import DARK, FAINT, Canvas, faded
 from foresight_env.envs.overlay import Overlay
+from foresight_env.envs.style import COLOURS, INTERVAL_DEVIATIONS
 from foresight_env.scenarios.crosswalk import COLLISION_DISTANCE
 
 WIDTH, HEIGHT = 900, 620
 PANEL = 260
-COLOURS: tuple[Colour, ...] = (
-    (0, 114, 178),
-    (213, 94, 0),
-    (0, 158, 115),
-    (204, 121, 167),
-    (230, 159, 0),
-    (86, 180, 233),
-)
 PAVEMENT, ASPHALT, STRIPE = (240, 238, 233), (201, 203, 207), (247, 247, 247)
 CENTRE = np.array([1.0, 1.0])
 """Middle of the crossing, m."""
@@ -35,6 +28,8 @@ ROAD = (0.1, 1.9)
 CROSSWALK = (-0.5, 2.5)
 """Edges of the marked crossing along x, m."""
 STRIPE_WIDTH = 0.2
+LEAST_WEIGHT = 0.05
+"""Where `gamma ** k` is below this, a plan or prediction is not drawn any more."""
 LEAST_VIEW, MARGIN = 1.75, 0.4
 """Half of the shown width at least, and free space around everything, m."""
 
@@ -45,6 +40,8 @@ class Frame(NamedTuple):
     trail: Float[np.ndarray, "steps N 2"]
     """Positions so far, the present ones last, m."""
     goals: Float[np.ndarray, "N 2"]
+    gamma: Float[np.ndarray, "N"]
+    """True discount factors: what plans are weighed with."""
     controlled: tuple[int, ...]
     collided: Bool[np.ndarray, "N"]
     planned: Sequence[Float[np.ndarray, "K 2"]]
@@ -63,9 +60,10 @@ class Renderer:
         self._window: pygame.Surface | None = None
         self._clock: pygame.time.Clock | None = None
         if mode == "human":
-            pygame.display.init()
-            pygame.display.set_caption("foresight_env: crosswalk")
             try:
+                pygame.display.init()
+                _check_display(pygame.display.get_driver())
+                pygame.display.set_caption("foresight_env: crosswalk")
                 self._window = pygame.display.set_mode((WIDTH, HEIGHT))
             except pygame.error as error:
                 raise OSError(
@@ -97,6 +95,14 @@ class Renderer:
             self._window = None
 
 
+def _check_display(driver: str) -> None:
+    """Where there is no display, SDL may draw into memory, and nobody would see the window."""
+    wanted = os.environ.get("SDL_VIDEODRIVER", "").split(",")
+    if driver in ("dummy", "offscreen") and driver not in wanted:
+        pygame.display.quit()
+        raise pygame.error("none was found")
+
+
 def _half_width(frame: Frame) -> float:
     """Half of the shown width: nobody is ever outside, and the view never shrinks again."""
     places = np.concatenate([frame.trail.reshape(-1, 2), frame.goals])
@@ -117,11 +123,19 @@ def _trajectories(canvas: Canvas, frame: Frame) -> None:
         canvas.path(frame.trail[:, i], faded(COLOURS[i]), width=5)
     for i, path in enumerate(frame.planned):
         if i not in frame.controlled:
-            canvas.path(path, COLOURS[i], width=1.5)
+            canvas.fading(path, _opacity(len(path), frame.gamma[i]), COLOURS[i], width=1.5)
     for i, path in frame.overlay.predicted.items():
-        canvas.dashed(path, COLOURS[i], width=3)
+        gamma, _ = frame.overlay.gammas.get(i, (1.0, 0.0))
+        canvas.fading(path, _opacity(len(path), gamma), COLOURS[i], width=3, dashed=True)
     if frame.overlay.planned is not None:
-        canvas.path(frame.overlay.planned, COLOURS[frame.controlled[0]], width=3)
+        path, ego = frame.overlay.planned, frame.controlled[0]
+        canvas.fading(path, _opacity(len(path), frame.gamma[ego]), COLOURS[ego], width=3)
+
+
+def _opacity(count: int, gamma: float) -> Float[np.ndarray, "count"]:
+    """How strongly each place of a path is drawn: what the agent hardly weighs is left out."""
+    weight = np.minimum(gamma, 1.0) ** np.arange(count)
+    return np.where(weight < LEAST_WEIGHT, 0.0, np.sqrt(weight))
 
 
 def _pedestrians(canvas: Canvas, frame: Frame) -> None:
@@ -164,7 +178,7 @@ def _legend(canvas: Canvas, frame: Frame) -> float:
 
 
 def _gamma_bars(canvas: Canvas, frame: Frame, top: float) -> None:
-    """Inferred discount factors with an interval of two deviations, the truth as a tick."""
+    """Inferred discount factors with their 90 % intervals, the truth as a tick."""
     known = sorted({*frame.overlay.gammas, *frame.overlay.truth_gammas})
     if not known:
         return
@@ -183,7 +197,8 @@ def _gamma_bars(canvas: Canvas, frame: Frame, top: float) -> None:
         if i in frame.overlay.gammas:
             mean, deviation = frame.overlay.gammas[i]
             canvas.bar((left, y), (at(mean), y + 14), COLOURS[i])
-            ends = at(mean - 2.0 * deviation), at(mean + 2.0 * deviation)
+            half = INTERVAL_DEVIATIONS * deviation
+            ends = at(mean - half), at(mean + half)
             canvas.whisker(ends, y + 7)
         if i in frame.overlay.truth_gammas:
             canvas.tick(at(frame.overlay.truth_gammas[i]), y - 4, y + 18)
@@ -193,7 +208,7 @@ def _gamma_bars(canvas: Canvas, frame: Frame, top: float) -> None:
     y += 18
     if frame.overlay.gammas:
         canvas.whisker((left - 20, left + 4), y + 9)
-        canvas.text("inferred ± 2 deviations", (left + 16, y), size=13, colour=DARK)
+        canvas.text("inferred, 90 % interval", (left + 16, y), size=13, colour=DARK)
         y += 20
     if frame.overlay.truth_gammas:
         canvas.tick(left - 8, y, y + 17)

@@ -96,5 +96,8 @@ class Scene:
         """A controlled agent's own parameters in the current episode."""
         player = self.index(agent)
         if player not in self._own:
-            raise ResetNeeded("scene.own: there is no episode yet; call reset first")
+            raise ResetNeeded(
+                "scene.own: this scene was taken before reset; call reset, then take env.scene "
+                "again, and then init the policy with it"
+            )
         return deepcopy(self._own[player])

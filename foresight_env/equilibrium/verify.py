@@ -104,7 +104,7 @@ def _curvature(layout: Layout, options: Options, parameters: Parameters, point: 
     return jnp.linalg.eigvalsh(0.5 * (hessian + hessian.T))[0]
 
 
-def _restricted(layout: Layout, i: int, point: Iterate, parameters: Parameters) -> Iterate:
+def restricted(layout: Layout, i: int, point: Iterate, parameters: Parameters) -> Iterate:
     """Player i's part of a joint iterate, in the layout of its best-response game."""
     share = row_shares(layout, discount_ratios(layout, parameters.gamma))
     mine = layout.owner == i
@@ -139,7 +139,7 @@ def _verify(
         mine = Parameters(
             parameters.x0[layout.state_slices[i]], (theta,), parameters.gamma[i : i + 1]
         )
-        own = _restricted(layout, i, point, parameters)
+        own = restricted(layout, i, point, parameters)
         here = player_cost(alone, 0, own.x, own.u, mine)
 
         def gain(found: Equilibrium, mine: Parameters = mine, alone: Layout = alone,

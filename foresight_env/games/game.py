@@ -17,6 +17,28 @@ from foresight_env.games.dynamics import Dynamics
 from foresight_env.games.types import CostFunction
 
 
+def check_hashable(where: str, part: object) -> None:
+    """Games are compared and hashed, so every part of one must be hashable."""
+    try:
+        hash(part)
+    except TypeError as error:
+        raise ValueError(
+            f"{where} ({type(part).__name__}): {error}; make it a frozen dataclass whose fields are "
+            "numbers, strings or tuples (arrays belong into theta)"
+        ) from error
+
+
+def as_tuples(owner: object, *fields: str) -> None:
+    """Turn lists in the named fields of a frozen dataclass into tuples of hashable parts."""
+    for field in fields:
+        value = getattr(owner, field)
+        if not isinstance(value, (list, tuple)):
+            raise ValueError(f"{field}: is a {type(value).__name__}; expected a tuple of them")
+        for k, part in enumerate(value):
+            check_hashable(f"{field}[{k}]", part)
+        object.__setattr__(owner, field, tuple(value))
+
+
 @dataclass(frozen=True)
 class Player:
     """One player of a game.
@@ -36,9 +58,9 @@ class Player:
     name: str = ""
 
     def __post_init__(self) -> None:
-        # Games are compared and hashed, which lists cannot be; they are taken all the same.
-        for field in ("costs", "undiscounted_costs", "inequalities", "equalities"):
-            object.__setattr__(self, field, tuple(getattr(self, field)))
+        as_tuples(self, "costs", "undiscounted_costs", "inequalities", "equalities")
+        check_hashable("dynamics", self.dynamics)
+        check_hashable("discounting", self.discounting)
 
 
 @dataclass(frozen=True)
@@ -54,12 +76,11 @@ class Game:
     dt: float = 0.0
 
     def __post_init__(self) -> None:
-        for field in ("players", "shared"):
-            object.__setattr__(self, field, tuple(getattr(self, field)))
+        as_tuples(self, "players", "shared")
         if not self.players:
             raise ValueError("players: a game needs at least one player")
-        if self.horizon < 1:
-            raise ValueError(f"horizon: is {self.horizon}; a game has at least one stage")
+        if not isinstance(self.horizon, int) or self.horizon < 1:
+            raise ValueError(f"horizon: is {self.horizon!r}; expected a whole number of stages, 1 up")
         for number, constraint in enumerate(self.shared):
             for i in constraint.players or ():
                 if not 0 <= i < len(self.players):

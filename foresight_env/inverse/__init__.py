@@ -5,7 +5,7 @@ from foresight_env.inverse.coordinates import Free
 from foresight_env.inverse.estimate import Estimate, MultiStart, estimate
 from foresight_env.inverse.gauss_newton import GaussNewton
 from foresight_env.inverse.gradient_descent import GradientDescent
-from foresight_env.inverse.initial import guess_initial_states
+from foresight_env.inverse.initial import NeverSeenError, guess_initial_states
 from foresight_env.inverse.online import Drift, OnlineEstimator, OnlineState
 from foresight_env.inverse.prior import Prior
 
@@ -17,6 +17,7 @@ __all__ = [
     "GaussNewton",
     "GradientDescent",
     "MultiStart",
+    "NeverSeenError",
     "OnlineEstimator",
     "OnlineState",
     "Prior",

@@ -237,6 +237,12 @@ def _run(
     return fit, solves, costs
 
 
+def _inverse_of(information: Array, free: Array, floor: Array) -> Float[Array, "p p"]:
+    """Inverse of the free entries' block; 0 elsewhere."""
+    reduced = information * free[:, None] * free + jnp.diag(1.0 - free + floor)
+    return jnp.linalg.inv(reduced) * free[:, None] * free
+
+
 @partial(jax.jit, static_argnums=0)
 def _finish(problem: Problem, data: Data, base: Parameters, fit: Fit) -> tuple[Any, ...]:
     layout, coordinates = problem.layout, problem.coordinates
@@ -259,9 +265,11 @@ def _finish(problem: Problem, data: Data, base: Parameters, fit: Fit) -> tuple[A
     low, high = (jnp.asarray(b) for b in coordinates.bounds())
     held = (fit.values <= low) | (fit.values >= high)
     free = jnp.where(held, 0.0, data.free)
-    # Parameters that rest on a limit do not vary: their rows are left out of the inverse.
-    reduced = information * free[:, None] * free + jnp.diag(1.0 - free + floor)
-    covariance = jnp.linalg.inv(reduced) * free[:, None] * free
+    # Parameters that rest on a limit do not vary with the others, so they are left out of the
+    # inverse; how far the data allow them off that limit is their deviation without it.
+    covariance = _inverse_of(information, free, floor)
+    loose = jnp.diag(_inverse_of(information, jnp.asarray(data.free), floor))
+    covariance += jnp.diag(jnp.where(held, loose, 0.0))
     first, rest = trajectory_jacobian(problem, raw, base, fit.values)
     rates = jnp.moveaxis(jnp.concatenate([first[:, None], rest], axis=1), 0, 2)
     determined = is_determined(coordinates, from_data, fit.values)

@@ -31,10 +31,10 @@ from foresight_env.inverse.prior import Prior
 class Drift(NamedTuple):
     """Standard deviations by which beliefs widen over one window."""
 
-    gamma: float = 0.05
-    theta: float = 0.1
+    gamma: float = 0.2
+    theta: float = 0.3
     """In each parameter's own unit (goals: m)."""
-    state: float = 0.05
+    state: float = 0.1
     """Of every state entry: how well the game describes what agents do (m, m/s)."""
 
 
@@ -71,6 +71,13 @@ class OnlineState(NamedTuple):
     least 1. Covariances of the estimate are to be multiplied by it (Birge, Phys. Rev. 40, 1932)."""
 
     @property
+    def gamma_deviation(self) -> Float[np.ndarray, "N"]:
+        """Standard deviation of each discount factor, `misfit` included; NaN before any estimate."""
+        if self.estimate is None:
+            return np.full(len(self.gamma), np.nan)
+        return self.estimate.gamma_deviation * np.sqrt(self.misfit)
+
+    @property
     def stage(self) -> int:
         """Index of the present in `estimate.solution.states` (0 is the window's first stage)."""
         return len(self.observations) - 1
@@ -100,6 +107,10 @@ class OnlineEstimator:
 
     def init(self, theta: Sequence[Theta], gamma: Any) -> OnlineState:
         """Nothing seen yet; `theta` and `gamma` are fixed values or first guesses."""
+        if isinstance(self.free, Free) or len(self.free) != len(self.game.players):
+            raise ValueError(
+                f"free: expected a sequence of {len(self.game.players)}, one Free per player"
+            )
         if not all(f.initial_state for f in self.free):
             raise ValueError("free: an online estimator needs every player's initial state free")
         if self.game.horizon < self.window:
@@ -112,6 +123,11 @@ class OnlineEstimator:
 
     def update(self, state: OnlineState, observation: Float[np.ndarray, "size"]) -> OnlineState:
         """Take one observation (NaN where missing); never worse than keeping the last estimate."""
+        if np.shape(observation) != (self.model.size,):
+            raise ValueError(
+                f"observation: has shape {np.shape(observation)}; expected ({self.model.size},), "
+                "what the observation model returns (an environment's observation without its goal)"
+            )
         sliding = len(state.observations) == self.window
         observations = (*state.observations, np.asarray(observation, float))[-self.window :]
         state = state._replace(observations=observations, total=state.total + 1)

@@ -3,12 +3,19 @@
 from dataclasses import dataclass
 from functools import lru_cache
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from small_games import crossing, crossing_theta
+from small_games import CROSSING_STATES, crossing, crossing_theta
 
-from foresight_env.equilibrium import Status, solve, verify
+from foresight_env.equilibrium import Options, Status, solve, verify
+from foresight_env.equilibrium.best_response import best_response_game, best_response_theta
+from foresight_env.equilibrium.interior_point import evaluate, masks_of
+from foresight_env.equilibrium.kkt import Parameters
+from foresight_env.equilibrium.layout import layout_of
+from foresight_env.equilibrium.validation import check_parameters
+from foresight_env.equilibrium.verify import restricted
 from foresight_env.games import DoubleIntegrator, Effort, Game, Player
 from foresight_env.scenarios.crosswalk import crosswalk_game, draw_crossing
 
@@ -26,6 +33,31 @@ def test_random_crosswalks_are_solved_and_some_verified():
             assert checked.is_local_equilibrium
             assert (checked.curvature > 0).all()
             assert np.abs(checked.gap).max() < 1e-6
+
+
+def test_common_multipliers_are_each_players_own_share():
+    """A multiplier in present values weighs less for whom the stage is far away."""
+    game = crossing("hard", multiplier="common")
+    found = solve(game, CROSSING_STATES, crossing_theta(), [0.95, 0.5])
+    assert found.status == Status.SOLVED
+    assert found.point.mult.max() > 1e-2  # the constraint is felt
+    checked = verify(game, found, crossing_theta(), [0.95, 0.5])
+    assert checked.is_local_equilibrium
+    layout = layout_of(game)
+    with jax.enable_x64(True):
+        parameters = jax.tree.map(
+            jnp.asarray, check_parameters(game, CROSSING_STATES, crossing_theta(), [0.95, 0.5])
+        )
+        for i in range(2):
+            alone = layout_of(best_response_game(game, i))
+            point = jax.tree.map(jnp.asarray, found.point)
+            theta = best_response_theta(layout, i, parameters.theta, point.x, point.u)
+            mine = Parameters(
+                parameters.x0[layout.state_slices[i]], (theta,), parameters.gamma[i : i + 1]
+            )
+            own = restricted(layout, i, point, parameters)
+            at = evaluate(alone, masks_of(alone), own, mine, jnp.zeros(()), Options())
+            assert at.error < 1e-7
 
 
 def test_a_head_on_stalemate_is_a_saddle():

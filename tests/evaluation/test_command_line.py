@@ -79,6 +79,16 @@ def test_wrong_ids(sample, tmp_path, ids, told):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize(
+    ("option", "value", "told"),
+    [("--grid", 1, "at least 2 points"), ("--noise-std", "inf", "expected a finite number")],
+)
+def test_options_that_make_no_sense_leave_nothing_behind(tmp_path, option, value, told):
+    out = tmp_path / "results"
+    refused(call("evaluate", "crosswalk", option, value, "--out", out), option, told)
+    assert not out.exists()
+
+
 def test_an_unknown_ego(tmp_path):
     result = call("run", "crosswalk", "--ego", "nobody", "--out", tmp_path / "out")
     assert result.exit_code == 2

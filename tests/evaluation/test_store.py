@@ -195,6 +195,32 @@ def test_killed_at_random_moments_and_run_again(tmp_path):
     assert store.rows() == wanted
 
 
+def test_an_interrupt_ends_a_study_at_once(tmp_path):
+    script = [sys.executable, str(Path(stand_in.__file__)), str(tmp_path / "study"), "2", "2.0"]
+    process = subprocess.Popen(
+        script, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
+    )
+    # All trials together would take 24 s; the interrupt comes once the first have been stored.
+    while not list(tmp_path.glob("study/part-*")) and process.poll() is None:
+        time.sleep(0.05)
+    process.send_signal(signal.SIGINT)
+    begin = time.monotonic()
+    assert process.wait(timeout=60) != 0
+    assert time.monotonic() - begin < 10.0
+    store = Store(tmp_path / "study", "stand-in", {"seeds": stand_in.SEEDS}, stand_in.KEY)
+    assert 3 <= len(store.finished()) < ROWS
+
+
+def test_a_fresh_study_forgets_the_old_one(tmp_path):
+    Store(tmp_path, "s", {"k": 1}, ("seed",)).append([{"seed": 0}])
+    (tmp_path / "notes.txt").write_text("mine")
+    store = Store(tmp_path / "other", "s", {}, ("seed",))
+    assert Store(tmp_path / "other", "s", {"new": 1}, ("seed",), fresh=True).rows() == []
+    assert store.folder.exists()
+    with pytest.raises(StoreError, match=r"holds results|is not empty"):
+        Store(tmp_path, "s", {"k": 2}, ("seed",))
+
+
 def test_worker_processes_give_the_same_rows(tmp_path):
     wanted = stand_in.study(tmp_path / "here")
     script = [sys.executable, str(Path(stand_in.__file__)), str(tmp_path / "there"), "2", "0"]

@@ -252,6 +252,16 @@ SKEW[0, 0] = -1.0
             {"prior": Prior(mean=np.zeros(6), information=-np.eye(6))},
             "prior.information: is not positive semidefinite",
         ),
+        ({"prior": Prior(theta_deviation=(("speed", 1.0),))}, "theta_deviation: names 'speed'"),
+        ({"prior": Prior(theta_deviation=(("goal", 0.0),))}, "theta_deviation: 'goal' is 0"),
+        (
+            {
+                "guess": solve(crossing(), CROSSING_STATES, crossing_theta(), 0.9)._replace(
+                    point=solve(crossing(horizon=9), CROSSING_STATES, crossing_theta(), 0.9).point
+                )
+            },
+            "guess: solves a game",
+        ),
         ({"gamma": [0.5, np.nan]}, "gamma: contains NaN"),
         ({"initial_state": np.zeros((2, 3))}, r"x0\[0\]|initial_state"),
     ],

@@ -1,0 +1,17 @@
+"""What all pictures have in common: the agents' colours and how wide an interval is."""
+
+from __future__ import annotations
+
+Colour = tuple[int, int, int]
+
+COLOURS: tuple[Colour, ...] = (
+    (0, 114, 178),
+    (213, 94, 0),
+    (0, 158, 115),
+    (204, 121, 167),
+    (230, 159, 0),
+    (86, 180, 233),
+)
+"""Of the agents, in the order of their indices (Okabe and Ito, 2008)."""
+INTERVAL_DEVIATIONS = 1.645
+"""Half of a 90 % interval in standard deviations of a normal distribution."""
