@@ -44,6 +44,10 @@ class Foresight:
     infer_gamma: bool = True
     window: int = 10
     """Observations that each estimate uses."""
+    aging: float = 1.5
+    """See `OnlineEstimator`: the others replan at every step, and the ego has not played the
+    equilibrium that its old estimates stood for. Chosen on seeds 12 to 70 of the closed-loop study:
+    90 % intervals of gamma cover 45 % of the truths with 1, 70 % with 1.3, 76 % with 1.6."""
     ahead: int = 15
     """Stages after the window in the estimated game."""
     prior: Prior = Prior(gamma_weight=4.0, gamma_center=1.0, theta_deviation=(("goal", 3.0),))
@@ -63,6 +67,7 @@ class Foresight:
             max(scene.noise_std**2, LEAST_VARIANCE),
             self.window,
             self.prior,
+            aging=self.aging,
         )
         return ForesightMemory(
             scene, ego, estimator, None, None, ConstantVelocity().init(scene, agent)

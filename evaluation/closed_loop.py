@@ -28,6 +28,8 @@ EGO_GAMMA = 0.95
 OTHERS_GAMMA = (0.3, 1.0)
 MAX_STEPS = 100
 KEY = ("ego", "seed")
+INFERRING = ("foresight",)
+"""Egos that infer the discount factors in their decisions; others know or assume them."""
 
 
 class Step(NamedTuple):
@@ -133,9 +135,11 @@ def study(
     workers: int | None = None,
     fresh: bool = False,
 ) -> list[Row]:
-    """Run (or finish, unless `fresh`) the study in `folder`; every ego meets every seed."""
-    configuration = {**setting.__dict__, "egos": list(egos), "seeds": [seeds.start, seeds.stop]}
-    store = Store(folder, "closed loop", configuration, KEY, fresh=fresh)
+    """Run the study in `folder`, where every ego meets every seed.
+
+    Episodes that the folder has already are not run again, unless `fresh`.
+    """
+    store = Store(folder, "closed loop", setting.__dict__, KEY, fresh=fresh)
     trials = [{"ego": e, "seed": s, **setting.__dict__} for s in seeds for e in egos]
     return run_trials(run_episode, trials, store, workers=workers, label="closed loop")
 

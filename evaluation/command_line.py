@@ -24,6 +24,10 @@ app = typer.Typer(
 )
 
 EGO_NAMES = ("oracle", "foresight", "farsighted", "constant-velocity")
+EGO_HELP = (
+    "One of oracle, foresight (in tables: gamma inferred), farsighted (gamma = 1), "
+    "constant-velocity."
+)
 
 
 class Scenario(StrEnum):
@@ -83,7 +87,7 @@ def _check_ego(name: str) -> str:
 
 def _check_noise(std: float) -> None:
     if not math.isfinite(std):
-        raise typer.BadParameter(f"--noise-std: is {std}; expected a finite number")
+        raise ValueError(f"--noise-std: is {std}; expected a finite number")
 
 
 OutOption = Annotated[Path, typer.Option(help="Folder for results and pictures.")]
@@ -101,9 +105,7 @@ WorkersOption = Annotated[
 @plain_errors
 def run(
     scenario: Annotated[Scenario, typer.Argument(help="Which scenario.")],
-    ego: Annotated[
-        str, typer.Option(callback=_check_ego, help=f"One of {', '.join(EGO_NAMES)}.")
-    ] = "foresight",
+    ego: Annotated[str, typer.Option(callback=_check_ego, help=EGO_HELP)] = "foresight",
     seed: Annotated[int, typer.Option(min=0, help="Episode.")] = 0,
     players: PlayersOption = 2,
     observation: Annotated[Observed, typer.Option(help="What the ego sees.")] = Observed.FULL,
@@ -134,7 +136,7 @@ def evaluate(
         int, typer.Option(min=0, help="Heatmap points per axis; 0 leaves it out.")
     ] = 41,
     egos: Annotated[
-        str, typer.Option(help="Comma-separated egos of the closed-loop study.")
+        str, typer.Option(help=f"Egos of the closed-loop study, comma-separated. {EGO_HELP}")
     ] = ",".join(EGO_NAMES),
     players: PlayersOption = 2,
     observation: Annotated[
@@ -148,10 +150,10 @@ def evaluate(
 
     Interrupted studies go on where they stopped. The paper's size is --levels 50 --sequences 50.
     """
-    names = tuple(_check_ego(n.strip()) for n in egos.split(","))
+    names = tuple(dict.fromkeys(_check_ego(n.strip()) for n in egos.split(",")))
     _check_noise(noise_std)
     if grid == 1:
-        raise typer.BadParameter("--grid: is 1; a heatmap has at least 2 points per axis")
+        raise ValueError("--grid: is 1; a heatmap has at least 2 points per axis")
     from evaluation.demonstration import evaluate_crosswalk
 
     evaluate_crosswalk(
@@ -214,7 +216,9 @@ def main() -> None:
     try:
         status = app(standalone_mode=False, prog_name="foresight")
     except UsageError as error:
-        typer.echo(f"foresight: {' '.join(error.format_message().split())}", err=True)
+        told = " ".join(error.format_message().split())
+        if told:  # nothing when the command stands alone: then its help has been shown
+            typer.echo(f"foresight: {told}", err=True)
         sys.exit(2)
     sys.exit(status if isinstance(status, int) else 0)
 

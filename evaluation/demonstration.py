@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from evaluation import closed_loop, estimation
-from evaluation.closed_loop import ClosedLoop, episode, make_environment, summarise
+from evaluation.closed_loop import INFERRING, ClosedLoop, episode, make_environment, summarise
 from evaluation.episode_pictures import draw_episode
 from evaluation.figures import (
     closed_loop_summary,
@@ -22,7 +22,12 @@ from evaluation.figures import (
 from evaluation.heatmap import heatmap
 from evaluation.recorded import METHODS, encounters, forecast
 from evaluation.sample import write_sample
-from evaluation.tables import print_closed_loop, print_encounters, print_estimation
+from evaluation.tables import (
+    print_closed_loop,
+    print_encounters,
+    print_estimation,
+    told_gamma,
+)
 
 TRIAL_STD = 0.05
 """Noise of the representative trial, m and m/s."""
@@ -46,7 +51,7 @@ def run_one(
         from evaluation.episode_pictures import overlay_of
 
         for step in episode(env, ego, seed):
-            env.set_overlay(overlay_of(step))
+            env.set_overlay(overlay_of(step, ego))
         env.close()
     _draw(console, ego, seed, setting, out)
 
@@ -64,10 +69,12 @@ def _draw(console: Console, ego: str, seed: int, setting: ClosedLoop, out: Path)
     table.add_row("end", f"{ended} after {last.info['time']:.1f} s")
     table.add_row("smallest distance between discs", f"{last.info['min_distance']:.2f} m")
     for j, (mean, deviation) in last.decision.gammas.items():
-        table.add_row(
-            f"gamma of agent {j}: inferred (90 %), true",
-            f"{mean:.2f} +- {1.645 * deviation:.2f}, {last.info['gamma'][j]:.2f}",
-        )
+        true = f"{last.info['gamma'][j]:.2f}"
+        if ego in INFERRING:
+            told = f"{told_gamma(mean, deviation)}, {true}"
+            table.add_row(f"gamma of agent {j}: inferred (±90 %), true", told)
+        else:
+            table.add_row(f"gamma of agent {j}: true", true)
     milliseconds = 1e3 * np.array([s.latency for s in shown.steps[2:]])
     if milliseconds.size:
         table.add_row("decision, median", f"{np.median(milliseconds):.0f} ms")
@@ -75,7 +82,11 @@ def _draw(console: Console, ego: str, seed: int, setting: ClosedLoop, out: Path)
     console.print(table)
     for path in (shown.animation, shown.still, shown.curve):
         if path is not None:
-            console.print(f"picture: {path}", soft_wrap=True)
+            _tell(console, path)
+
+
+def _tell(console: Console, picture: Path) -> None:
+    console.print(f"picture: {picture}", soft_wrap=True, markup=False)
 
 
 def evaluate_crosswalk(
@@ -91,6 +102,8 @@ def evaluate_crosswalk(
     out: Path,
 ) -> None:
     """`foresight evaluate crosswalk`."""
+    if not (episodes or levels or grid):
+        raise ValueError("--episodes, --levels, --grid: are all 0; there is nothing to evaluate")
     console = Console()
     pictures: list[Path] = []
     if episodes:
@@ -112,7 +125,7 @@ def evaluate_crosswalk(
             console.print(f"heatmap: {values.unsolved} of {grid**2} games not solved, left blank")
         pictures.append(objective_heatmap(values, out / "heatmap.png"))
     for path in pictures:
-        console.print(f"picture: {path}", soft_wrap=True)
+        _tell(console, path)
 
 
 def _trial(console: Console, out: Path) -> Path:
@@ -145,8 +158,8 @@ def estimate_recorded(
         return
     for encounter, forecasts in results:
         names = "_".join(a.replace(":", "") for a in encounter.interaction.agents)
-        path = recorded_encounter(encounter, forecasts, out / f"{encounter.recording}_{names}.png")
-        console.print(f"picture: {path}", soft_wrap=True)
+        path = out / f"{encounter.recording}_{names}.png"
+        _tell(console, recorded_encounter(encounter, forecasts, path))
 
 
 def demonstrate(data: Path | None, workers: int | None, out: Path) -> None:
@@ -160,16 +173,16 @@ def demonstrate(data: Path | None, workers: int | None, out: Path) -> None:
     # What an earlier version left there would hide what this one does: the demo starts afresh.
     rows = closed_loop.study(out / "closed_loop", egos, range(5), workers=workers, fresh=True)
     print_closed_loop(console, [summarise(rows, e) for e in egos], rows)
-    console.print(f"picture: {closed_loop_summary(rows, egos, out / 'closed_loop.png')}")
+    _tell(console, closed_loop_summary(rows, egos, out / "closed_loop.png"))
     console.rule("2. One of them: the ego infers the other's foresight while it walks")
-    _draw(console, "foresight", 4, ClosedLoop(), out / "episode")
+    _draw(console, "foresight", 0, ClosedLoop(), out / "episode")
     console.rule("3. How well can foresight be inferred? Error against noise")
     rows = estimation.study(
         out / "estimation", 3, 3, observations=("full",), workers=workers, fresh=True
     )
     print_estimation(console, rows)
-    console.print(f"picture: {error_against_noise(rows, out / 'error_against_noise.png')}")
-    console.print(f"picture: {_trial(console, out)}")
+    _tell(console, error_against_noise(rows, out / "error_against_noise.png"))
+    _tell(console, _trial(console, out))
     console.rule("4. Recorded data")
     if data is None:
         console.print(

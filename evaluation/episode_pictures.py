@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from PIL import Image
 
-from evaluation.closed_loop import ClosedLoop, Step, episode, make_environment
+from evaluation.closed_loop import INFERRING, ClosedLoop, Step, episode, make_environment
 from evaluation.figures import gamma_over_time
 from evaluation.store import write_atomically
 from foresight_env.envs.overlay import Overlay
@@ -29,13 +29,13 @@ STILL_AT = 1.4
 """Time (s) of the still: the agents are about to meet."""
 
 
-def overlay_of(step: Step) -> Overlay:
-    """What the ego thought at this step, for the scene."""
+def overlay_of(step: Step, ego: str) -> Overlay:
+    """What the registered ego thought at this step, for the scene."""
     decision, truth = step.decision, step.info["gamma"]
     return Overlay(
         predicted=dict(decision.predicted),
         planned=decision.planned,
-        gammas=dict(decision.gammas),
+        gammas=dict(decision.gammas) if ego in INFERRING else {},
         truth_gammas={j: float(truth[j]) for j in decision.gammas},
     )
 
@@ -47,7 +47,7 @@ def draw_episode(ego: str, seed: int, setting: ClosedLoop, folder: Path) -> Epis
     frames, steps = [], []
     try:
         for step in episode(env, ego, seed):
-            env.set_overlay(overlay_of(step))
+            env.set_overlay(overlay_of(step, ego))
             frames.append(Image.fromarray(env.render()))
             steps.append(step)
     finally:
@@ -65,7 +65,7 @@ def draw_episode(ego: str, seed: int, setting: ClosedLoop, folder: Path) -> Epis
     still.save(buffer, "png")
     write_atomically(paths[1], buffer.getvalue())
     curve = None
-    if ego != "oracle" and any(s.decision.gammas for s in steps):
+    if ego in INFERRING and any(s.decision.gammas for s in steps):
         times = dt * np.arange(len(steps))
         gammas = [s.decision.gammas for s in steps]
         curve = gamma_over_time(times, gammas, steps[0].info["gamma"], folder / "gammas.png")

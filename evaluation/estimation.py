@@ -18,6 +18,7 @@ from jaxtyping import Float
 from evaluation.metrics import trajectory_error
 from evaluation.store import Row, Store
 from evaluation.trials import run_trials
+from foresight_env.envs.style import INTERVAL_DEVIATIONS
 from foresight_env.equilibrium import Solution, Status, solve
 from foresight_env.games import ObservationModel, full_state, positions
 from foresight_env.inverse import (
@@ -99,16 +100,23 @@ def fit(
     )
 
 
+@lru_cache(maxsize=8)
+def warm_up(observation: str, proximity: Proximity) -> None:
+    """Compile in this process what an estimate needs, so that times are those of running."""
+    fit(observation, 0.0, 0, "farsighted", proximity, 1)
+
+
 def run_sequence(
     observation: str, std: float, sequence: int, method: str, proximity: Proximity, starts: int
 ) -> Row:
     """One estimate's row."""
+    warm_up(observation, proximity)
     begin = time.perf_counter()
     found = fit(observation, std, sequence, method, proximity, starts)
     seconds = time.perf_counter() - begin
     true = joint(truth(proximity))
     covered = [
-        abs(found.gamma[i] - MONTE_CARLO.gamma[i]) <= 1.645 * found.gamma_deviation[i]
+        abs(found.gamma[i] - MONTE_CARLO.gamma[i]) <= INTERVAL_DEVIATIONS * found.gamma_deviation[i]
         for i in range(2)
     ]
     return {
@@ -134,17 +142,11 @@ def study(
     workers: int | None = None,
     fresh: bool = False,
 ) -> list[Row]:
-    """Run (or finish, unless `fresh`) the study in `folder`.
+    """Run the study in `folder`: noise levels x sequences x observation models x methods.
 
-    Its trials: noise levels x sequences x observation models x methods.
+    Trials that the folder has already are not run again, unless `fresh`.
     """
-    configuration = {
-        "levels": levels,
-        "sequences": sequences,
-        "observations": list(observations),
-        "proximity": proximity,
-        "starts": starts,
-    }
+    configuration = {"proximity": proximity, "starts": starts}
     store = Store(folder, "estimation", configuration, KEY, fresh=fresh)
     trials: list[dict[str, Any]] = [
         {

@@ -17,6 +17,8 @@ from evaluation.estimation import LEAST_STD, bound, truth
 from evaluation.heatmap import Heatmap
 from evaluation.recorded import Encounter, Forecast
 from evaluation.store import Row, write_atomically
+from foresight_env.envs.style import COLOURS as AGENT_COLOURS
+from foresight_env.envs.style import INTERVAL_DEVIATIONS
 from foresight_env.inverse import Estimate
 from foresight_env.scenarios.crosswalk import MONTE_CARLO
 
@@ -34,7 +36,10 @@ LABELS = {
     "constant-velocity": "constant velocity",
     "oracle": "oracle",
 }
-AGENTS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00")
+AGENTS = tuple("#{:02X}{:02X}{:02X}".format(*colour) for colour in AGENT_COLOURS)
+"""As in the pictures of the environment."""
+LEAST_SPAN = 4.0
+"""Least width and height of an encounter's picture, m: narrower, nobody sees what it is."""
 
 
 def save(figure: Figure, path: Path) -> Path:
@@ -53,12 +58,28 @@ def _metres(axes: Axes) -> None:
     axes.set_ylabel("y [m]")
 
 
+def _at_least(axes: Axes, span: float) -> None:
+    """Widen the axes about their middle until each shows `span`."""
+    for limits, widen in ((axes.get_xlim(), axes.set_xlim), (axes.get_ylim(), axes.set_ylim)):
+        lacking = max(0.0, span - (limits[1] - limits[0]))
+        widen(limits[0] - 0.5 * lacking, limits[1] + 0.5 * lacking)
+
+
+def _name(axes: Axes, name: str, place: Any) -> None:
+    """An agent's name that stays legible on top of lines."""
+    axes.annotate(
+        name, tuple(place), xytext=(7, 7), textcoords="offset points", fontsize=9, zorder=5,
+        bbox={"boxstyle": "round,pad=0.15", "facecolor": "white", "alpha": 0.8, "lw": 0},
+    )  # fmt: skip
+
+
 def representative_trial(
     seen: Float[np.ndarray, "stages size"], fits: Mapping[str, Estimate], path: Path
 ) -> Path:
     """One noisy sequence, what both methods make of it, and the inferred discount factors."""
-    figure = Figure(figsize=(9.0, 4.2), layout="constrained")
-    scene, bars = figure.subplots(1, 2, width_ratios=(1.5, 1.0))
+    figure = Figure(figsize=(9.0, 4.8), layout="constrained")
+    parts: Any = figure.subfigures(1, 2, width_ratios=(1.4, 1.0))
+    scene, bars = (part.subplots() for part in parts)
     half = seen.shape[1] // 2
     for i in range(2):
         places = seen[:, i * half : i * half + 2]
@@ -68,7 +89,7 @@ def representative_trial(
             *true[:, :2].T, color="black", lw=3, alpha=0.35, label="truth" if i == 0 else None
         )
         scene.plot(*true[0, :2], "o", color="black", ms=8)
-        scene.annotate(f"agent {i}", true[0, :2], xytext=(6, 6), textcoords="offset points")
+        _name(scene, f"agent {i}", true[0, :2])
         goal = MONTE_CARLO.goals[i]
         scene.plot(*goal, "X", color="black", ms=10, label="true goal" if i == 0 else None)
     for name, found in fits.items():
@@ -79,7 +100,7 @@ def representative_trial(
             scene.plot(*np.clip(goal, -1.0, 3.0), "x", color=COLOURS[name], ms=8, mew=2)
     _metres(scene)
     scene.set_title("what noisy observations imply (x: inferred goals)", fontsize=10)
-    scene.legend(fontsize=8, loc="upper center")
+    scene.margins(0.2)
     found = fits["foresight"]
     for i in range(2):
         bars.bar(
@@ -89,7 +110,7 @@ def representative_trial(
             i + 0.2,
             found.gamma[i],
             0.38,
-            yerr=1.645 * found.gamma_deviation[i],
+            yerr=INTERVAL_DEVIATIONS * found.gamma_deviation[i],
             capsize=4,
             color=COLOURS["foresight"],
             label="inferred, 90 % interval" if i == 0 else None,
@@ -97,9 +118,10 @@ def representative_trial(
     bars.axhline(1.0, color=COLOURS["farsighted"], ls="--", label="baseline: gamma = 1")
     bars.set_xticks([0, 1], ["agent 0", "agent 1"])
     bars.set_title("inferred discount factors", fontsize=10)
-    bars.set_ylim(0.0, 1.45)
+    bars.set_ylim(0.0, 1.5)
     bars.set_ylabel("discount factor gamma")
-    bars.legend(fontsize=8, loc="upper center")
+    for part, columns in zip(parts, (3, 2), strict=True):
+        part.legend(fontsize=8, loc="outside lower center", ncols=columns)
     return save(figure, path)
 
 
@@ -141,7 +163,11 @@ def error_against_noise(rows: Sequence[Row], path: Path) -> Path:
         axes.set_title("full state" if observation == "full" else "positions only")
     panels[0].set_ylabel("trajectory error ||X - X_true||^2")
     panels[0].legend(fontsize=8)
-    figure.suptitle("mean and 10-90 % band; triangles: noise-free, at 1e-5 or above", fontsize=9)
+    figure.suptitle(
+        "mean and 10-90 % band; triangles: noise-free, at 1e-5 or above; the bound is local: limits "
+        "on velocities keep large errors below it",
+        fontsize=9,
+    )
     return save(figure, path)
 
 
@@ -181,7 +207,9 @@ def closed_loop_summary(rows: Sequence[Row], egos: Sequence[str], path: Path) ->
             place = k + 0.25 * np.sin(2.4 * np.arange(len(values)))
             axes.plot(place, values, ".", color=COLOURS[ego], alpha=0.6, ms=5)
             axes.plot([k - 0.3, k + 0.3], [values.mean()] * 2, color="black", lw=2)
-        axes.set_xticks(range(len(egos)), [LABELS[e].replace(" ", "\n") for e in egos], fontsize=8)
+        axes.set_xticks(
+            range(len(egos)), [LABELS[e].replace(" ", "\n", 1) for e in egos], fontsize=8
+        )
         axes.set_title(label, fontsize=9)
     figure.suptitle("episodes (dots) and means (bars)", fontsize=9)
     return save(figure, path)
@@ -200,9 +228,11 @@ def gamma_over_time(
         known = [(t, *g[j]) for t, g in zip(times, gammas, strict=True) if j in g]
         t, mean, deviation = np.array(known).T
         axes.plot(t, mean, color=AGENTS[j], label=f"agent {j}, inferred")
+        half = INTERVAL_DEVIATIONS * deviation
         axes.fill_between(
-            t, mean - 1.645 * deviation, mean + 1.645 * deviation, color=AGENTS[j], alpha=0.2, lw=0
-        )
+            t, mean - half, mean + half, color=AGENTS[j], alpha=0.2, lw=0,
+            label=f"agent {j}, 90 % interval",
+        )  # fmt: skip
         axes.axhline(true[j], color=AGENTS[j], ls="--", label=f"agent {j}, true")
     axes.set_ylim(0.0, 1.5)
     axes.set_xlabel("time [s]")
@@ -213,7 +243,7 @@ def gamma_over_time(
 
 def recorded_encounter(encounter: Encounter, forecasts: Sequence[Forecast], path: Path) -> Path:
     """What was seen, what happened, and what each method predicted."""
-    figure = Figure(figsize=(7.0, 5.0), layout="constrained")
+    figure = Figure(figsize=(7.0, 6.0), layout="constrained")
     axes = figure.subplots()
     agents = encounter.interaction.agents
     for a, name in enumerate(agents):
@@ -224,18 +254,20 @@ def recorded_encounter(encounter: Encounter, forecasts: Sequence[Forecast], path
             *np.concatenate([seen[-1:], later]).T, "-", color="black", lw=4, alpha=0.3,
             label="what happened" if a == 0 else None,
         )  # fmt: skip
-        axes.annotate(name, seen[-1], xytext=(5, 5), textcoords="offset points")
+        _name(axes, name, seen[~np.isnan(seen[:, 0])][0])
     for found in forecasts:
         label = LABELS.get(found.method, found.method)
         told = f"{label} (ADE {found.average_error:.2f} m, FDE {found.final_error:.2f} m)"
         for a in range(len(agents)):
             start = encounter.observed[-1, a, :2][None]
-            line: Any = np.concatenate([start, found.predicted[:, a]])
+            compared = encounter.present[:, a, None]
+            line: Any = np.concatenate([start, np.where(compared, found.predicted[:, a], np.nan)])
             axes.plot(
                 *line.T, ".-", ms=3, lw=1.2, color=COLOURS[found.method],
                 label=told if a == 0 else None,
             )  # fmt: skip
     _metres(axes)
+    _at_least(axes, LEAST_SPAN)
     axes.set_title(f"{encounter.recording}: {agents[0]} and {agents[1]}")
-    axes.legend(fontsize=8)
+    figure.legend(fontsize=8, loc="outside lower center", ncols=2)
     return save(figure, path)

@@ -21,7 +21,14 @@ from foresight_env.datasets import (
 )
 from foresight_env.equilibrium import Status
 from foresight_env.games import full_state
-from foresight_env.inverse import Free, MultiStart, Prior, estimate, guess_initial_states
+from foresight_env.inverse import (
+    Estimate,
+    Free,
+    MultiStart,
+    Prior,
+    estimate,
+    guess_initial_states,
+)
 from foresight_env.scenarios.encounter import encounter_game, player_theta
 
 STEP_SECONDS = 0.4
@@ -62,6 +69,9 @@ class Forecast:
     final_error: float
     gamma: Float[np.ndarray, "A"] | None
     gamma_deviation: Float[np.ndarray, "A"] | None
+    """0 where a discount factor rests on a limit of the search, or was not inferred."""
+    gamma_determined: Bool[np.ndarray, "A"] | None
+    """False where the observations leave a discount factor open."""
     solved: bool
     """False when the fit failed and the prediction is constant velocity instead."""
 
@@ -187,7 +197,7 @@ def forecast(encounter: Encounter, method: str, *, noise_std: float = NOISE_STD)
     agents = encounter.interaction.agents
     straight = constant_velocity(encounter)
     if method == "constant velocity":
-        return _judged(encounter, method, straight, None, None, True)
+        return _judged(encounter, method, straight, None, True)
     game = encounter_game(encounter.interaction.kinds, OBSERVED - 1 + PREDICTED, encounter.dt)
     model = full_state(game.state_sizes)
     seen = encounter.observed.reshape(OBSERVED, -1)
@@ -210,9 +220,9 @@ def forecast(encounter: Encounter, method: str, *, noise_std: float = NOISE_STD)
         starts=MultiStart(4),
     )
     if int(found.status) != Status.SOLVED:
-        return _judged(encounter, method, straight, None, None, False)
+        return _judged(encounter, method, straight, None, False)
     path = np.stack([s[OBSERVED:, :2] for s in found.solution.states], axis=1)
-    return _judged(encounter, method, path, found.gamma, found.gamma_deviation, True)
+    return _judged(encounter, method, path, found, True)
 
 
 def aging_covariance(noise_std: float, size: int) -> Float[np.ndarray, "K size size"]:
@@ -222,9 +232,14 @@ def aging_covariance(noise_std: float, size: int) -> Float[np.ndarray, "K size s
 
 
 def _judged(
-    encounter: Encounter, method: str, path: Any, gamma: Any, deviation: Any, solved: bool
+    encounter: Encounter, method: str, path: Any, found: Estimate | None, solved: bool
 ) -> Forecast:
     average, final = displacement(path, encounter.truth[..., :2], encounter.present)
+    agents = encounter.interaction.agents
+    if found is None:
+        return Forecast(method, agents, path, average, final, None, None, None, solved)
+    flags = dict(zip(found.names, found.determined, strict=True))
+    determined = np.array([flags.get(f"gamma of {a}", True) for a in range(len(agents))])
     return Forecast(
-        method, encounter.interaction.agents, path, average, final, gamma, deviation, solved
+        method, agents, path, average, final, found.gamma, found.gamma_deviation, determined, solved
     )

@@ -57,9 +57,8 @@ class Store:
                 found = json.loads(manifest.read_text())
                 kept = {name: found.get(name) for name in wanted}
                 if kept != wanted:
-                    different = sorted(n for n in wanted if kept[n] != wanted[n])
                     raise StoreError(
-                        f"{self.folder}: holds results of another {' and '.join(different)}; "
+                        f"{self.folder}: holds results of {_difference(kept, wanted)}; "
                         "choose another folder or delete this one"
                     )
             else:
@@ -112,6 +111,16 @@ class Store:
     def finished(self) -> set[tuple[Any, ...]]:
         """Keys of the trials that have a row."""
         return {tuple(row[k] for k in self.key) for row in self.rows()}
+
+
+def _difference(kept: Mapping[str, Any], wanted: Mapping[str, Any]) -> str:
+    """In what two manifests differ."""
+    parts = [f"another {n} ({kept[n]})" for n in ("study", "version") if kept[n] != wanted[n]]
+    old, new = kept["configuration"] or {}, wanted["configuration"]
+    if old != new:
+        names = sorted(n for n in old.keys() | new.keys() if old.get(n) != new.get(n))
+        parts.append(f"another configuration ({', '.join(names)})")
+    return " and ".join(parts)
 
 
 def write_atomically(path: Path, data: bytes) -> None:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from evaluation.closed_loop import Summary, paired_difference
@@ -14,6 +16,7 @@ from evaluation.figures import LABELS
 from evaluation.recorded import Encounter, Forecast
 from evaluation.statistics import Interval, mean_interval
 from evaluation.store import Row
+from foresight_env.envs.style import INTERVAL_DEVIATIONS
 
 
 def _pm(interval: Interval | None, digits: int = 2) -> str:
@@ -27,7 +30,7 @@ def _pm(interval: Interval | None, digits: int = 2) -> str:
 def print_closed_loop(console: Console, summaries: Sequence[Summary], rows: Sequence[Row]) -> None:
     """One column per ego, then paired differences of foresight against the others."""
     table = Table(title="Closed loop: an ego among short-sighted others (means ±95 %)")
-    table.add_column("")
+    table.add_column("", no_wrap=True)
     for s in summaries:
         table.add_column(LABELS[s.ego], justify="right")
     lines: dict[str, list[str]] = {
@@ -46,7 +49,7 @@ def print_closed_loop(console: Console, summaries: Sequence[Summary], rows: Sequ
     if any(s.errors for s in summaries):
         lines["broken trials"] = [str(s.errors) for s in summaries]
     for name, cells in lines.items():
-        table.add_row(name, *cells)
+        table.add_row(escape(name), *cells)
     console.print(table)
     names = [s.ego for s in summaries]
     if "foresight" not in names:
@@ -62,13 +65,18 @@ def print_closed_loop(console: Console, summaries: Sequence[Summary], rows: Sequ
             console.print(f"  {LABELS[other]}: cost {_pm(cost, 1)}, min distance {_pm(distance)} m")
 
 
+FAR_BELOW = 0.5
+"""Ratio of an error to its bound that chance does not explain."""
+
+
 def print_estimation(console: Console, rows: Sequence[Row]) -> None:
     """Mean error per noise level beside the Cramer-Rao bound."""
     table = Table(title="Estimation: mean trajectory error, Cramer-Rao bound, ratio to it")
     for name in (
-        "observed", "std", "n", "gamma inferred", "gamma = 1", "bound", "ratio", "s",
+        "observed", "std", "n", "gamma inferred", "gamma = 1", "bound", "ratio", "time [s]",
     ):  # fmt: skip
-        table.add_column(name, justify="left" if name == "observed" else "right")
+        table.add_column(escape(name), justify="left" if name == "observed" else "right")
+    far_below = False
     keys = sorted({(r["observation"], r["std"]) for r in rows})
     for observation, std in keys:
         mean: dict[str, float] = {}
@@ -83,6 +91,7 @@ def print_estimation(console: Console, rows: Sequence[Row]) -> None:
             count = max(count, len(mine))
             seconds += [r["seconds"] for r in mine if method == "foresight"]
         limit = bound(observation) * std**2
+        far_below |= std > LEAST_STD and mean["foresight"] < FAR_BELOW * limit
         table.add_row(
             observation, f"{std:.3f}", str(count), f"{mean['foresight']:.3g}",
             f"{mean['farsighted']:.3g}", f"{limit:.3g}" if std > LEAST_STD else "0",
@@ -90,6 +99,11 @@ def print_estimation(console: Console, rows: Sequence[Row]) -> None:
             f"{np.median(seconds):.2f}" if seconds else "",
         )  # fmt: skip
     console.print(table)
+    if far_below:
+        console.print(
+            "Errors far below the bound: it is local, and so knows nothing of the limits on "
+            "velocities and discount factors, which restrict how wrong a trajectory can be."
+        )
     broken = sum(bool(r["error"]) for r in rows)
     if broken:
         console.print(f"[red]{broken} trials broke; their rows in the results say why[/red]")
@@ -99,9 +113,14 @@ def print_encounters(
     console: Console, results: Sequence[tuple[Encounter, Sequence[Forecast]]]
 ) -> None:
     """Errors per encounter and method, and the means."""
-    table = Table(title="Recorded encounters: prediction errors, ADE / FDE [m]")
-    table.add_column("recording")
+    recordings = list(dict.fromkeys(encounter.recording for encounter, _ in results))
+    several = len(recordings) > 1
+    subject = "Recorded encounters" if several else recordings[0]
+    table = Table(title=escape(f"{subject}: prediction errors, ADE / FDE [m]; gammas ±90 %"))
+    if several:
+        table.add_column("recording")
     table.add_column("agents")
+    table.add_column("steps", justify="right")
     names = [f.method for f in results[0][1]]
     for name in names:
         table.add_column(LABELS.get(name, name), justify="right")
@@ -112,9 +131,18 @@ def print_encounters(
             for f in forecasts
         ]
         table.add_row(
-            encounter.recording, "\n".join(encounter.interaction.agents), *cells, _gammas(forecasts)
+            *([escape(encounter.recording)] if several else []),
+            escape("\n".join(encounter.interaction.agents)),
+            "\n".join(str(steps) for steps in encounter.present.sum(axis=0)),
+            *cells,
+            _gammas(forecasts),
+            end_section=True,
         )
     console.print(table)
+    console.print(
+        "steps: predicted positions with a recorded one to compare with. open: the observations do "
+        "not tell this gamma. limit: it rests on an end of its range."
+    )
     if len(results) > 1:
         for k, name in enumerate(names):
             average = mean_interval(np.array([f[k].average_error for _, f in results]))
@@ -124,11 +152,18 @@ def print_encounters(
             )
 
 
+def told_gamma(mean: float, deviation: float, determined: bool = True) -> str:
+    """An inferred discount factor with half of its 90 % interval, or why it has none."""
+    if not determined:
+        return f"{mean:.2f} (open)"
+    if deviation == 0.0:
+        return f"{mean:.2f} (limit)"
+    return f"{mean:.2f} ±{INTERVAL_DEVIATIONS * deviation:.2f}"
+
+
 def _gammas(forecasts: Sequence[Forecast]) -> str:
     for found in forecasts:
+        parts: Any = found.gamma, found.gamma_deviation, found.gamma_determined
         if found.method == "foresight" and found.gamma is not None:
-            deviation = found.gamma_deviation
-            if deviation is not None:
-                pairs = zip(found.gamma, deviation, strict=True)
-                return "\n".join(f"{g:.2f} ±{1.645 * d:.2f}" for g, d in pairs)
+            return "\n".join(told_gamma(*each) for each in zip(*parts, strict=True))
     return "-"

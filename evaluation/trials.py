@@ -58,7 +58,7 @@ def run_trials(
     label: str,
     chunk: int = 4,
 ) -> list[Row]:
-    """Run what `store` does not have yet and return all its rows.
+    """Run what `store` does not have yet and return the rows of `trials`.
 
     Rows are written `chunk` at a time, so that an interruption loses little. `workers`: None for
     one per core, 0 for this process.
@@ -110,4 +110,5 @@ def run_trials(
                         raise
         finally:
             store.append(pending)
-    return store.rows()
+    keys = {tuple(t[k] for k in store.key) for t in trials}
+    return [row for row in store.rows() if tuple(row[k] for k in store.key) in keys]

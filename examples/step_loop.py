@@ -2,9 +2,14 @@
 
 First the ten lines that every Gymnasium user knows, with a hand-written policy; then the same
 crossing with one of the registered egos, which infers the other's foresight on the way.
+
+Rewards are not discounted, but an ego plans for the return discounted by its own gamma: that is
+what it is to be judged by.
 """
 
 from __future__ import annotations
+
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -15,38 +20,51 @@ from agents import make_ego
 SEED = 3
 
 
+def tell(name: str, rewards: list[float], gamma: float, info: dict[str, Any]) -> float:
+    """Print both returns and the smallest distance; returns the discounted return."""
+    discounted = sum(reward * gamma**t for t, reward in enumerate(rewards))
+    print(
+        f"{name}: return {discounted:.1f} discounted by the agent's own gamma {gamma:.2f}, "
+        f"{sum(rewards):.1f} not discounted, smallest distance {info['min_distance']:.2f} m"
+    )
+    return discounted
+
+
 def by_hand() -> float:
-    """Accelerate towards the goal, whoever stands there; returns the sum of rewards."""
+    """Accelerate towards the goal, whoever stands there; returns the discounted return."""
     env = gymnasium.make("foresight/Crosswalk-v0")
     seen, _ = env.reset(seed=SEED)
-    total, done = 0.0, False
+    gamma = env.unwrapped.scene.own(0).gamma  # type: ignore[attr-defined]
+    rewards, done = [], False
     while not done:
         wanted = 4.0 * (seen[-2:] - seen[:2]) - 3.0 * seen[2:4]  # own goal, position, velocity
         action = np.clip(wanted, -10.0, 10.0).astype(np.float32)
         seen, reward, terminated, truncated, info = env.step(action)
-        total, done = total + float(reward), terminated or truncated
+        rewards.append(float(reward))
+        done = terminated or truncated
     env.close()
-    print(f"by hand: return {total:.1f}, smallest distance {info['min_distance']:.2f} m")
-    return total
+    return tell("by hand", rewards, gamma, info)
 
 
 def by_ego(name: str = "foresight") -> float:
-    """The same crossing, driven by a registered ego; returns the sum of rewards."""
+    """The same crossing, driven by a registered ego; returns the discounted return."""
     env = gymnasium.make("foresight/Crosswalk-v0")
     seen, info = env.reset(seed=SEED)
+    scene = env.unwrapped.scene  # type: ignore[attr-defined]
     policy = make_ego(name)
-    memory = policy.init(env.unwrapped.scene, "pedestrian_0")  # type: ignore[attr-defined]
-    total, done = 0.0, False
+    memory = policy.init(scene, "pedestrian_0")
+    rewards, done = [], False
     while not done:
         memory = policy.update(memory, seen, info)
         decision, memory = policy.act(memory)
         seen, reward, terminated, truncated, info = env.step(decision.action)
-        total, done = total + float(reward), terminated or truncated
+        rewards.append(float(reward))
+        done = terminated or truncated
     env.close()
+    found = tell(name, rewards, scene.own(0).gamma, info)
     inferred = ", ".join(f"{mean:.2f} +- {std:.2f}" for mean, std in decision.gammas.values())
-    print(f"{name}: return {total:.1f}, smallest distance {info['min_distance']:.2f} m")
     print(f"discount factor of the other: inferred {inferred}, true {info['gamma'][1]:.2f}")
-    return total
+    return found
 
 
 if __name__ == "__main__":

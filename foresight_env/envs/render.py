@@ -6,6 +6,7 @@ Frames are drawn at twice their size and scaled down, which smooths edges. No di
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
@@ -174,6 +175,9 @@ def _legend(canvas: Canvas, frame: Frame) -> float:
         canvas.sample(kind, (left, y + 9))
         canvas.text(names.get(kind, kind), (left + 44, y), size=15)
         y += 24
+    if {"true plan", "prediction", "own plan"} & set(kinds):
+        canvas.text("plans fade as they weigh less", (left, y), size=13, colour=FAINT)
+        y += 20
     return y + 16
 
 

@@ -1,5 +1,6 @@
 """Forward problem: from a game to its generalised open-loop Nash equilibrium."""
 
+from foresight_env.equilibrium.batch import solve_many
 from foresight_env.equilibrium.interior_point import Options
 from foresight_env.equilibrium.solve import WEAK_COMPLEMENTARITY, Solution, shift, solve
 from foresight_env.equilibrium.status import SolveError, Status
@@ -14,5 +15,6 @@ __all__ = [
     "Verification",
     "shift",
     "solve",
+    "solve_many",
     "verify",
 ]

@@ -43,6 +43,16 @@ class Equilibrium(NamedTuple):
     success: Bool[Array, ""]
 
 
+def nudged_start(
+    layout: Layout, options: Options, parameters: Parameters, u: Float[Array, "T m"], number: Array
+) -> Iterate:
+    """Where the attempt of that number begins, away from any symmetry of the first one's `u`."""
+    # Incommensurable frequencies: no two agents are nudged alike, and runs repeat exactly.
+    phase = jnp.arange(u.size, dtype=u.dtype).reshape(u.shape)
+    u = u + 0.5 * number * jnp.sin(1.0 + 2.4 * phase)
+    return start_point(layout, parameters, rollout(layout, parameters.x0, u), u, options)
+
+
 def _solve(layout: Layout, options: Options, parameters: Parameters, start: Iterate) -> Equilibrium:
     """Attempts until one succeeds; the later ones start nudged (see `Options.attempts`)."""
 
@@ -60,10 +70,7 @@ def _solve(layout: Layout, options: Options, parameters: Parameters, start: Iter
             spent,
             converged(ev, options),
         )
-        # Incommensurable frequencies: no two agents are nudged alike, and runs repeat exactly.
-        phase = jnp.arange(start.u.size, dtype=start.u.dtype).reshape(start.u.shape)
-        u = start.u + 0.5 * (number + 1.0) * jnp.sin(1.0 + 2.4 * phase)
-        again = start_point(layout, parameters, rollout(layout, parameters.x0, u), u, options)
+        again = nudged_start(layout, options, parameters, start.u, number + 1)
         return number + 1, again, result, spent
 
     def unsolved(state):

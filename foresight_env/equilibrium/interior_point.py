@@ -356,6 +356,43 @@ def average_product(masks: Masks, point: Iterate, penalty: Array) -> Scalar:
     return products / jnp.maximum(count, 1.0)
 
 
+def newton_step(
+    layout: Layout, masks: Masks, point: Iterate, ev: Evaluation, options: Options
+) -> Iterate:
+    """The next point: Mehrotra's predictor, then its corrector."""
+    penalty = ev.lin.penalty
+    factor = factorise(stage_system(layout, masks, point, ev))
+
+    def solve(target: Targets) -> Iterate:
+        return direction(layout, masks, point, ev, factor, target)
+
+    affine = solve(targets(masks, point, penalty, jnp.zeros(())))
+    primal, dual = step_lengths(masks, point, penalty, affine, jnp.ones(()))
+    average = average_product(masks, point, penalty)
+    predicted = average_product(masks, advance(point, affine, primal, dual), penalty)
+    sigma = jnp.clip(predicted / jnp.maximum(average, 1e-300), 0.0, 1.0) ** 3
+    # Complementarity must not run ahead of stationarity: on a path too narrow to follow the
+    # curvature of the others' constraints, steps are cut to nothing.
+    wide = jnp.minimum(average, 1e-2 * ev.error)
+    barrier = jnp.maximum(jnp.maximum(sigma * average, wide), options.barrier)
+    # At the end of the path plain Newton converges quadratically; the correction would not.
+    second_order = jnp.where(average > 10.0 * options.barrier, 1.0, 0.0)
+    step = solve(targets(masks, point, penalty, barrier, affine, second_order))
+    fraction = jnp.maximum(0.99, 1.0 - average)
+    primal, dual = step_lengths(masks, point, penalty, step, fraction)
+    return advance(point, step, primal, dual)
+
+
+def is_finite(point: Iterate, ev: Evaluation) -> Bool[Array, ""]:
+    """Whether nothing overflowed."""
+    return jnp.stack([jnp.all(jnp.isfinite(v)) for v in (ev.error, *point)]).all()
+
+
+def hopeless(point: Iterate, ev: Evaluation) -> Bool[Array, ""]:
+    """Multipliers run away while constraints stay unmet: there is no feasible point near."""
+    return (largest_multiplier(point) > RUNAWAY_MULTIPLIER) & (violation(ev) > VIOLATED)
+
+
 def iterate(
     layout: Layout,
     parameters: Parameters,
@@ -369,36 +406,12 @@ def iterate(
     """
     masks = masks_of(layout)
 
-    def convexity_at(loop: Loop) -> Scalar:
-        return jnp.where(loop.evaluation.error < exact_below, 0.0, 1.0)
-
     def body(loop: Loop) -> Loop:
-        point, ev = loop.point, loop.evaluation
-        penalty = ev.lin.penalty
-        system = stage_system(layout, masks, point, ev)
-        factor = factorise(system)
-
-        def solve(target: Targets) -> Iterate:
-            return direction(layout, masks, point, ev, factor, target)
-
-        affine = solve(targets(masks, point, penalty, jnp.zeros(())))
-        primal, dual = step_lengths(masks, point, penalty, affine, jnp.ones(()))
-        average = average_product(masks, point, penalty)
-        predicted = average_product(masks, advance(point, affine, primal, dual), penalty)
-        sigma = jnp.clip(predicted / jnp.maximum(average, 1e-300), 0.0, 1.0) ** 3
-        # Complementarity must not run ahead of stationarity: on a path too narrow to follow the
-        # curvature of the others' constraints, steps are cut to nothing.
-        wide = jnp.minimum(average, 1e-2 * ev.error)
-        barrier = jnp.maximum(jnp.maximum(sigma * average, wide), options.barrier)
-        # At the end of the path plain Newton converges quadratically; the correction would not.
-        second_order = jnp.where(average > 10.0 * options.barrier, 1.0, 0.0)
-        step = solve(targets(masks, point, penalty, barrier, affine, second_order))
-        fraction = jnp.maximum(0.99, 1.0 - average)
-        primal, dual = step_lengths(masks, point, penalty, step, fraction)
-        point = advance(point, step, primal, dual)
+        point = newton_step(layout, masks, loop.point, loop.evaluation, options)
         # The next linearisation's curvature is chosen by the present error: one evaluation a step.
-        ev = evaluate(layout, masks, point, parameters, convexity_at(loop), options)
-        finite = jnp.stack([jnp.all(jnp.isfinite(v)) for v in (ev.error, *point)]).all()
+        convexity = jnp.where(loop.evaluation.error < exact_below, 0.0, 1.0)
+        ev = evaluate(layout, masks, point, parameters, convexity, options)
+        finite = is_finite(point, ev)
         # A step that overflowed is not taken: what is returned says how far the method came.
         point, ev = jax.tree.map(
             lambda new, old: jnp.where(finite, new, old),
@@ -408,10 +421,9 @@ def iterate(
         return Loop(point, ev, loop.iteration + 1, finite)
 
     def unfinished(loop: Loop) -> Bool[Array, ""]:
-        runaway = largest_multiplier(loop.point) > RUNAWAY_MULTIPLIER
         return (
             ~converged(loop.evaluation, options)
-            & ~(runaway & (violation(loop.evaluation) > VIOLATED))
+            & ~hopeless(loop.point, loop.evaluation)
             & loop.finite
             & (loop.iteration < options.max_iterations)
         )

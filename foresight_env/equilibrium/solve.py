@@ -183,6 +183,10 @@ def warm_start(layout: Layout, parameters: Parameters, point: Iterate, options: 
 def shift(solution: Solution) -> Solution:
     """The solution one stage later, its last stage repeated: a warm start for the next step."""
 
+    if solution.point.x.ndim != 2:
+        raise ValueError(
+            f"solution: holds {len(solution.point.x)} games; shift one, or `jax.vmap(shift)` them"
+        )
     xp: Any = np if not is_traced(solution) else jnp
     shifted = jax.tree.map(lambda v: xp.concatenate([v[1:], v[-1:]]), solution.point)
     return solution._replace(

@@ -23,7 +23,7 @@ def check_hashable(where: str, part: object) -> None:
         hash(part)
     except TypeError as error:
         raise ValueError(
-            f"{where} ({type(part).__name__}): {error}; make it a frozen dataclass whose fields are "
+            f"{where} ({type(part).__name__}): {error}; make it a frozen dataclass with fields of "
             "numbers, strings or tuples (arrays belong into theta)"
         ) from error
 
@@ -80,7 +80,7 @@ class Game:
         if not self.players:
             raise ValueError("players: a game needs at least one player")
         if not isinstance(self.horizon, int) or self.horizon < 1:
-            raise ValueError(f"horizon: is {self.horizon!r}; expected a whole number of stages, 1 up")
+            raise ValueError(f"horizon: is {self.horizon!r}; expected a whole number above 0")
         for number, constraint in enumerate(self.shared):
             for i in constraint.players or ():
                 if not 0 <= i < len(self.players):

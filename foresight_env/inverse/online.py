@@ -72,7 +72,7 @@ class OnlineState(NamedTuple):
 
     @property
     def gamma_deviation(self) -> Float[np.ndarray, "N"]:
-        """Standard deviation of each discount factor, `misfit` included; NaN before any estimate."""
+        """Deviation of each discount factor, `misfit` included; NaN before any estimate."""
         if self.estimate is None:
             return np.full(len(self.gamma), np.nan)
         return self.estimate.gamma_deviation * np.sqrt(self.misfit)
@@ -95,10 +95,13 @@ class OnlineEstimator:
     model: ObservationModel
     free: Sequence[Free]
     covariance: float
-    """Variance of the observation noise."""
+    """Variance of the noise of the newest observation."""
     window: int = 10
     prior: Prior = Prior()
     drift: Drift = Drift()
+    aging: float = 1.0
+    """How much the noise deviation of an observation grows per step into the past. Above 1 where
+    agents change their plans, so that old observations say less of what they will do."""
     starts: int = 2
     careful_updates: int = 4
     """Updates at the beginning that use several starts."""
@@ -147,6 +150,10 @@ class OnlineEstimator:
         careful = state.guess is None or state.total < self.careful_updates + 2
         prior = self._prior(state)
 
+        age = np.maximum(len(observations) - 1 - np.arange(self.window), 0)
+        variance = self.covariance * self.aging ** (2.0 * age)
+        covariance = variance[:, None, None] * np.eye(self.model.size)
+
         def fit(start: Solution | None, count: int) -> Estimate:
             return estimate(
                 self.game,
@@ -156,7 +163,7 @@ class OnlineEstimator:
                 theta=state.theta,
                 gamma=state.gamma,
                 free=self.free,
-                covariance=self.covariance,
+                covariance=covariance,
                 prior=prior,
                 method=self.method,
                 starts=MultiStart(count),

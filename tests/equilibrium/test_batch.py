@@ -1,0 +1,114 @@
+"""`solve_many` is `solve` on every game, whatever the other games do."""
+
+import numpy as np
+import pytest
+from small_games import (
+    CROSSING_GAMMA,
+    CROSSING_GOALS,
+    CROSSING_STATES,
+    UNEQUAL_STATES,
+    UNEQUAL_THETA,
+    crossing,
+    crossing_theta,
+    unequal_sizes,
+)
+
+from foresight_env.equilibrium import Options, Status, shift, solve, solve_many
+
+COUNT = 11
+
+
+def drawn(count=COUNT):
+    random = np.random.default_rng(3)
+    states = np.tile(CROSSING_STATES, (count, 1, 1))
+    states[:, :, :2] += random.uniform(-0.2, 0.2, (count, 2, 2))
+    return states, random.uniform(0.1, 1.0, (count, 2))
+
+
+def same(found, k, one):
+    assert found.status[k] == one.status
+    assert found.iterations[k] == one.iterations
+    for many, alone in zip(
+        (*found.states, *found.controls), (*one.states, *one.controls), strict=True
+    ):
+        np.testing.assert_allclose(many[k], alone, atol=1e-9)
+
+
+@pytest.mark.parametrize(("lanes", "threads"), [(4, 1), (4, 2), (32, 1)])
+def test_every_game_is_what_solve_makes_of_it(lanes, threads):
+    states, gamma = drawn()
+    found = solve_many(crossing(), states, crossing_theta(), gamma, lanes=lanes, threads=threads)
+    assert (found.status == Status.SOLVED).all()
+    assert len(set(found.iterations.tolist())) > 1  # some games take longer than others
+    for k in range(COUNT):
+        same(found, k, solve(crossing(), states[k], crossing_theta(), gamma[k]))
+
+
+def test_games_that_fail_leave_the_others_alone():
+    states, gamma = drawn(5)
+    states[2] = [[0.5, 1.0, 0.0, 0.0], [0.5, 1.0, 0.0, 0.0]]  # on top of each other: no way apart
+    found = solve_many(crossing("hard"), states, crossing_theta(), gamma, lanes=2, threads=1)
+    assert found.status.tolist() == [0, 0, int(Status.INFEASIBLE), 0, 0]
+    same(found, 3, solve(crossing("hard"), states[3], crossing_theta(), gamma[3]))
+
+
+def test_attempts_are_made_as_solve_makes_them():
+    states, gamma = drawn(4)
+    options = Options(max_iterations=6, attempts=3)
+    found = solve_many(crossing(), states, crossing_theta(), gamma, lanes=2, options=options)
+    assert found.iterations.max() > 6
+    for k in range(4):
+        same(found, k, solve(crossing(), states[k], crossing_theta(), gamma[k], options=options))
+
+
+def test_parameters_of_each_game_and_a_warm_start():
+    states, gamma = drawn(3)
+    thetas = [crossing_theta(CROSSING_GOALS + 0.05 * k) for k in range(3)]
+    found = solve_many(crossing(), states, thetas, gamma, threads=1)
+    again = solve_many(crossing(), states, thetas, gamma, guess=found, threads=1)
+    assert (again.status == Status.SOLVED).all()
+    assert (again.iterations < found.iterations).all()
+    for k in range(3):
+        same(found, k, solve(crossing(), states[k], thetas[k], gamma[k]))
+        np.testing.assert_allclose(again.states[0][k], found.states[0][k], atol=1e-7)
+
+
+def test_players_of_unequal_sizes():
+    states = [np.stack([s, s + 0.01]) for s in UNEQUAL_STATES]
+    found = solve_many(unequal_sizes(), states, UNEQUAL_THETA, 0.9, threads=1)
+    for k in range(2):
+        one = solve(unequal_sizes(), [s[k] for s in states], UNEQUAL_THETA, 0.9)
+        same(found, k, one)
+
+
+def test_shift_refuses_a_batch():
+    states, gamma = drawn(2)
+    found = solve_many(crossing(), states, crossing_theta(), gamma, threads=1)
+    with pytest.raises(ValueError, match="solution: holds 2 games"):
+        shift(found)
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"x0": np.zeros((0, 8))}, "x0: is empty"),
+        ({"x0": np.zeros((3, 7))}, r"x0: has shape \(3, 7\)"),
+        ({"gamma": np.ones((3, 2))}, r"gamma: has shape \(3, 2\)"),
+        ({"gamma": [[0.5, 0.5], [0.5, -1.0]]}, r"game 1: gamma\[1\]: is -1"),
+        ({"theta": [crossing_theta()]}, "theta: has 1 entries"),
+        ({"guess": "other"}, "guess: joint states have shape"),
+    ],
+)
+def test_bad_arguments_are_named(change, told):
+    arguments = {
+        "x0": np.tile(CROSSING_STATES, (2, 1, 1)),
+        "theta": crossing_theta(),
+        "gamma": np.tile(CROSSING_GAMMA, (2, 1)),
+        **change,
+    }
+    if "guess" in arguments:
+        arguments["guess"] = solve_many(
+            crossing(), np.tile(CROSSING_STATES, (3, 1, 1)), crossing_theta(), 0.9, threads=1
+        )
+    with pytest.raises(ValueError, match=told):
+        solve_many(crossing(), **arguments)
