@@ -29,6 +29,7 @@ class Study(StrEnum):
     INVERSE = "inverse"
     ACCURACY = "accuracy"
     EGOS = "egos"
+    STRESS = "stress"
     ENVIRONMENT = "environment"
     RECORDINGS = "recordings"
 

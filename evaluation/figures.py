@@ -100,7 +100,7 @@ def representative_trial(
             scene.plot(*np.clip(goal, -1.0, 3.0), "x", color=COLOURS[name], ms=8, mew=2)
     _metres(scene)
     scene.set_title("what noisy observations imply (x: inferred goals)", fontsize=10)
-    scene.margins(0.2)
+    scene.margins(0.3, 0.2)
     found = fits["foresight"]
     for i in range(2):
         bars.bar(
@@ -164,8 +164,8 @@ def error_against_noise(rows: Sequence[Row], path: Path) -> Path:
     panels[0].set_ylabel("trajectory error ||X - X_true||^2")
     panels[0].legend(fontsize=8)
     figure.suptitle(
-        "mean and 10-90 % band; triangles: noise-free, at 1e-5 or above; the bound is local: limits "
-        "on velocities keep large errors below it",
+        "mean and 10-90 % band; triangles: noise-free, at 1e-5 or above; the bound is local: "
+        "limits on velocities keep large errors below it",
         fontsize=9,
     )
     return save(figure, path)
@@ -267,6 +267,7 @@ def recorded_encounter(encounter: Encounter, forecasts: Sequence[Forecast], path
                 label=told if a == 0 else None,
             )  # fmt: skip
     _metres(axes)
+    axes.margins(0.1)  # room for names
     _at_least(axes, LEAST_SPAN)
     axes.set_title(f"{encounter.recording}: {agents[0]} and {agents[1]}")
     figure.legend(fontsize=8, loc="outside lower center", ncols=2)

@@ -165,5 +165,6 @@ def _gammas(forecasts: Sequence[Forecast]) -> str:
     for found in forecasts:
         parts: Any = found.gamma, found.gamma_deviation, found.gamma_determined
         if found.method == "foresight" and found.gamma is not None:
-            return "\n".join(told_gamma(*each) for each in zip(*parts, strict=True))
+            values = zip(*(part.tolist() for part in parts), strict=True)
+            return "\n".join(told_gamma(*each) for each in values)
     return "-"

@@ -1,18 +1,13 @@
 """A game of one's own: a lane change beside another car. `python examples/own_game.py`
 
-Car 0 wants to move to the lane of car 1, which drives a little ahead and pays less heed to the
-future. Both want their lane and their speed; they must keep 4 m apart. The game is solved,
-verified, and the discount factors are inferred back from noisy observations.
+Defined, solved, verified, inverted from noisy observations, and solved for a thousand situations.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from foresight_env.equilibrium import solve, verify
+from foresight_env.equilibrium import Status, solve, solve_many, verify
 from foresight_env.games import (
     Bounds,
     DoubleIntegrator,
@@ -22,46 +17,57 @@ from foresight_env.games import (
     Player,
     SharedInequality,
     full_state,
-)
+)  # fmt: skip
 from foresight_env.inverse import Free, MultiStart, estimate
+
+LANE = 3.5
 
 
 @dataclass(frozen=True)
 class Cruise:
     """`(py - lane)^2 + (vx - speed)^2`: a stage cost is any hashable function like this one."""
 
-    def __call__(self, i: int, t: Any, x: Any, u: Any, theta: Any) -> Any:
+    def __call__(self, i, t, x, u, theta):
         return (x[i][1] - theta["lane"]) ** 2 + (x[i][2] - theta["speed"]) ** 2
 
 
-def lane_change(horizon: int = 15, dt: float = 0.2) -> Game:
-    """Two double integrators `[px, py, vx, vy]` that accelerate at most 4 m/s^2 per axis."""
-    car = Player(
-        DoubleIntegrator(dt), (Cruise(), Effort(0.3)), control_bounds=Bounds.box(-4.0, 4.0, 2)
-    )
-    return Game((car, car), horizon, shared=(SharedInequality(KeepAllApart(16.0), 1),), dt=dt)
+def lane_change(horizon=15, dt=0.2):
+    """Two cars `[px, py, vx, vy]` on a road of two lanes, never less than 2 m (4 m^2) apart."""
+    road = Bounds.box([-np.inf, -1.5, 0.0, -3.0], [np.inf, LANE + 1.5, 15.0, 3.0], 4)
+    limits = Bounds.box([-6.0, -4.0], [4.0, 4.0], 2)
+    costs = (Cruise(), Effort(0.1))
+    car = Player(DoubleIntegrator(dt), costs, state_bounds=road, control_bounds=limits)
+    return Game((car, car), horizon, shared=(SharedInequality(KeepAllApart(4.0), 1),))
 
 
-def main() -> np.ndarray:
-    """Solve, verify, infer; returns the inferred discount factors."""
-    game, gamma = lane_change(), np.array([0.95, 0.7])
-    start = [np.array([0.0, 0.0, 10.0, 0.0]), np.array([2.0, 4.0, 9.0, 0.0])]
-    theta = [{"lane": 3.5, "speed": 10.0}, {"lane": 3.5, "speed": 10.0}]
-    played = solve(game, start, theta, gamma, throw=True)
-    checked = verify(game, played, theta, gamma)
-    gap = np.linalg.norm(played.states[0][:, :2] - played.states[1][:, :2], axis=1).min()
-    print(f"solved in {played.iterations} iterations, residual {played.residual:.0e}")
-    print(f"local equilibrium: {bool(checked.is_local_equilibrium)}, least distance {gap:.2f} m")
-    random = np.random.default_rng(0)
+def draw(random):
+    """Car 0 moves over to the lane of car 1, somewhere beside it: states, theta, gamma."""
+    speed = random.uniform(4.0, 8.0, 2)
+    beside = random.uniform(-4.0, 4.0)
+    states = np.array([[0.0, 0.0, speed[0], 0.0], [beside, LANE, speed[1], 0.0]])
+    theta = [{"lane": LANE, "speed": v} for v in speed + random.uniform(0.0, 2.0, 2)]
+    return states, theta, random.uniform(0.3, 1.0, 2)
+
+
+def main():
+    """Solve, verify, infer, solve many; returns true and inferred discount factors."""
+    game = lane_change()
+    states, theta, gamma = draw(np.random.default_rng(1))
+    played = solve(game, states, theta, gamma, throw=True)
+    print("local equilibrium:", bool(verify(game, played, theta, gamma).is_local_equilibrium))
     seen = np.concatenate(played.states, axis=1)
-    seen = seen + 0.03 * random.standard_normal(seen.shape)
+    seen = seen + 0.03 * np.random.default_rng(0).standard_normal(seen.shape)
     found = estimate(
-        game, seen, full_state(game.state_sizes), initial_state=start, theta=theta, gamma=0.8,
+        game, seen, full_state(game.state_sizes), initial_state=states, theta=theta, gamma=0.8,
         free=Free(("speed",), gamma=True), covariance=0.03**2, starts=MultiStart(4),
     )  # fmt: skip
     for i, (mean, deviation) in enumerate(zip(found.gamma, found.gamma_deviation, strict=True)):
-        print(f"gamma of car {i}: {mean:.2f} +- {deviation:.3f}, true {gamma[i]:.2f}")
-    return found.gamma
+        print(f"gamma of car {i}: {mean:.2f} +- {deviation:.2f}, true {gamma[i]:.2f}")
+    drawn = [draw(np.random.default_rng(k)) for k in range(1000)]
+    x0, thetas, gammas = zip(*drawn, strict=True)
+    many = solve_many(game, np.stack(x0), thetas, np.stack(gammas))
+    print(f"solved {np.mean(many.status == Status.SOLVED):.1%} of 1000")
+    return gamma, found.gamma
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ from foresight_env.games.game import Game
 from foresight_env.games.observations import ObservationModel
 from foresight_env.games.types import Theta
 from foresight_env.inverse.coordinates import Coordinates, Free
-from foresight_env.inverse.fit import Problem, predicted, trajectory_jacobian
+from foresight_env.inverse.fit import Problem, predicted, solution_jacobian
 from foresight_env.precision import to_numpy
 
 
@@ -42,7 +42,7 @@ def _jacobians(
 ) -> tuple[Array, Array, Array, Array]:
     values = problem.coordinates.pack(parameters)
     result = solve_joint(problem.layout, problem.options, parameters, None)
-    first, rest = trajectory_jacobian(problem, result, parameters, values)
+    first, rest = solution_jacobian(problem, result, parameters, values)
 
     def along(dx0: Array, dx: Array) -> Array:
         return jax.jvp(
@@ -51,8 +51,8 @@ def _jacobians(
             (dx0, dx),
         )[1].ravel()
 
-    seen = jax.vmap(along)(first, rest)
-    states = jnp.concatenate([first[:, None], rest], axis=1)
+    seen = jax.vmap(along)(first, rest.x)
+    states = jnp.concatenate([first[:, None], rest.x], axis=1)
     return seen.T, states.reshape(states.shape[0], -1).T, result.success, result.error
 
 

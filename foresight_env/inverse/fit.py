@@ -55,6 +55,8 @@ class Fit(NamedTuple):
     residual: Float[Array, "r"]
     jacobian: Float[Array, "r p"]
     point: Iterate
+    rates: Iterate
+    """Derivatives of `point` by the parameters, each with a leading axis of p."""
     error: Scalar
     success: Bool[Array, ""]
 
@@ -89,11 +91,12 @@ def evaluate_fit(
     parameters = problem.coordinates.unpack(values, base)
     result = solve_joint(problem.layout, problem.options, parameters, start)
     residual = residuals(problem, data, values, parameters.x0, result.point.x)
-    rates = trajectory_jacobian(problem, result, base, values)
-    jacobian = residual_jacobian(problem, data, values, parameters.x0, result.point.x, rates)
+    first, rates = solution_jacobian(problem, result, base, values)
+    moving = (first, rates.x)
+    jacobian = residual_jacobian(problem, data, values, parameters.x0, result.point.x, moving)
     jacobian = jacobian * data.free
     cost = jnp.where(result.success, jnp.sum(residual**2), jnp.inf)
-    return Fit(values, cost, residual, jacobian, result.point, result.error, result.success)
+    return Fit(values, cost, residual, jacobian, result.point, rates, result.error, result.success)
 
 
 def unevaluated(
@@ -106,20 +109,25 @@ def unevaluated(
     return blank._replace(values=values, cost=infinite, error=infinite, point=start)
 
 
-def trajectory_jacobian(
+def solution_jacobian(
     problem: Problem, result: Equilibrium, base: Parameters, values: Float[Array, "p"]
-) -> tuple[Float[Array, "p n"], Float[Array, "p T n"]]:
-    """Derivatives of `x_1` and of `x_2..x_{T+1}`, one right-hand side per parameter."""
+) -> tuple[Float[Array, "p n"], Iterate]:
+    """Derivatives of `x_1` and of all that was solved for, one right-hand side per parameter."""
     layout, options = problem.layout, problem.options
 
-    def along(direction: Array) -> tuple[Array, Array]:
+    def along(direction: Array) -> tuple[Array, Iterate]:
         parameters, change = jax.jvp(
             lambda v: problem.coordinates.unpack(v, base), (values,), (direction,)
         )
-        rate = solution_tangent(layout, options, result, parameters, change)
-        return change.x0, rate.x
+        return change.x0, solution_tangent(layout, options, result, parameters, change)
 
     return jax.vmap(along)(jnp.eye(values.shape[0]))
+
+
+def extrapolated(fit: Fit, values: Float[Array, "p"]) -> Iterate:
+    """Where the solution at `values` lies to first order: the start of its solve."""
+    step = values - fit.values
+    return jax.tree.map(lambda v, r: v + jnp.tensordot(step, r, 1), fit.point, fit.rates)
 
 
 def residual_jacobian(

@@ -378,7 +378,7 @@ def test_scene_tells_what_a_policy_may_know():
     assert (scene.players, scene.controlled, scene.max_steps) == (3, (1,), 10)
     assert (scene.dt, scene.noise_std, scene.game.horizon) == (0.1, 0.02, 6)
     assert scene.observation_model("pedestrian_1").owners[::4] == (1, 0, 2)
-    with pytest.raises(gymnasium.error.ResetNeeded):
+    with pytest.raises(gymnasium.error.ResetNeeded, match=r"take env\.scene again"):
         scene.own("pedestrian_1")
     _, infos = env.reset(seed=0)
     assert env.scene.own(1).gamma == infos["pedestrian_1"]["gamma"][1]

@@ -132,6 +132,39 @@ def test_window_shows_every_step_and_closes():
     env.close()
 
 
+@pytest.mark.parametrize("driver", ["dummy", "offscreen"])
+def test_a_window_that_nobody_would_see_is_refused(monkeypatch, driver):
+    monkeypatch.delenv("SDL_VIDEODRIVER")
+    monkeypatch.setattr("pygame.display.get_driver", lambda: driver)
+    monkeypatch.setattr("pygame.display.init", lambda: None)
+    with pytest.raises(OSError, match="needs a display"):
+        make("human")
+
+
+@pytest.mark.parametrize(("gamma", "reach"), [(1.0, 5), (0.5, 4), (0.0, 0)])
+def test_plans_are_drawn_as_far_as_they_matter(gamma, reach):
+    """0.5 ** 4 = 0.06 is drawn, 0.5 ** 5 = 0.03 is not."""
+    env = make()
+    env.reset(seed=0, options={"gamma": np.array([gamma, 0.9])})
+    bare = env.render().astype(int)
+    env.set_overlay(Overlay(planned=np.linspace([-0.5, 1.0], [2.5, 1.0], 6)))
+    changed = np.flatnonzero((env.render() != bare).any(axis=(0, 2)))
+    changed = changed[changed < 640]  # the rest is the legend
+    step = 0.6 * 310 / 1.75  # pixels
+    drawn = np.ptp(changed) / step if changed.size else 0.0
+    assert reach - 0.1 < drawn < reach + 1.1
+
+
+def test_paths_end_where_they_leave_the_picture():
+    env = make()
+    bare = env.render()
+    away = np.array([[1.0, 1.0], [9.0, 1.0], [9.0, 0.0], [-2.0, 0.0]])
+    env.set_overlay(Overlay(predicted={1: away}))
+    changed = (env.render() != bare).any(axis=2)[:, :640]
+    assert changed[300:320].any()  # on its way out
+    assert not changed[330:].any()  # nothing of its way back
+
+
 def test_render_needs_a_mode_and_an_episode():
     with pytest.warns(UserWarning, match="render_mode"):
         assert make(None).render() is None

@@ -89,6 +89,38 @@ def test_options_that_make_no_sense_leave_nothing_behind(tmp_path, option, value
     assert not out.exists()
 
 
+def test_nothing_to_evaluate(tmp_path):
+    nothing = ("--episodes", 0, "--levels", 0, "--grid", 0)
+    out = tmp_path / "results"
+    refused(call("evaluate", "crosswalk", *nothing, "--out", out), "nothing to evaluate")
+    assert not out.exists()
+
+
+def test_egos_named_twice_count_once(tmp_path, monkeypatch):
+    asked = []
+    monkeypatch.setattr("evaluation.demonstration.evaluate_crosswalk", lambda *a: asked.append(a))
+    result = call("evaluate", "crosswalk", "--egos", "oracle, farsighted,oracle")
+    assert result.exit_code == 0, result.output
+    assert asked[0][4] == ("oracle", "farsighted")
+
+
+def test_the_command_alone_shows_its_help(monkeypatch, capsys):
+    monkeypatch.setattr("sys.argv", ["foresight"])
+    with pytest.raises(SystemExit) as end:
+        command_line.main()
+    told = capsys.readouterr()
+    assert end.value.code == 2
+    assert "Usage: " in told.out + told.err
+    assert "foresight: " not in told.err
+
+
+def test_an_oracle_infers_nothing(tmp_path):
+    result = call("run", "crosswalk", "--ego", "oracle", "--out", tmp_path)
+    assert result.exit_code == 0, result.output
+    assert "gamma of agent 1: true" in result.stdout
+    assert "inferred" not in result.stdout
+
+
 def test_an_unknown_ego(tmp_path):
     result = call("run", "crosswalk", "--ego", "nobody", "--out", tmp_path / "out")
     assert result.exit_code == 2
@@ -137,7 +169,7 @@ def test_estimate(sample, tmp_path):
     (picture,) = (tmp_path / "out").iterdir()
     assert picture.suffix == ".png"
     with Image.open(picture) as image:
-        assert image.size == (1050, 750)
+        assert image.size == (1050, 900)
     quiet = call("estimate", sample, "--count", 1, "--no-pictures", "--out", tmp_path / "none")
     assert quiet.exit_code == 0
     assert not (tmp_path / "none").exists()

@@ -10,12 +10,10 @@ import time
 from pathlib import Path
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))
-
 import stand_in
 
 import evaluation.store as store_module
+from evaluation import closed_loop, estimation
 from evaluation.store import Store, StoreError, write_atomically
 from evaluation.trials import attempt, run_trials
 
@@ -78,8 +76,8 @@ def test_a_full_disk_is_told_with_the_file(tmp_path, monkeypatch):
     ("study", "configuration", "version", "told"),
     [
         ("other", {"a": 1}, None, "another study"),
-        ("s", {"a": 2}, None, "another configuration"),
-        ("s", {"a": 1}, "9.9.9", "another version"),
+        ("s", {"a": 2}, None, r"another configuration \(a\)"),
+        ("s", {"a": 1}, "9.9.9", r"another version \(\d"),
     ],
 )
 def test_other_results_are_refused(tmp_path, monkeypatch, study, configuration, version, told):
@@ -138,6 +136,31 @@ def test_only_missing_trials_are_run(tmp_path):
     rows = run_trials(counted, trials, store, workers=0, label="counted")
     assert sorted(ran) == sorted((e, s) for e in stand_in.EGOS for s in range(5, stand_in.SEEDS))
     assert rows == whole
+    fewer = run_trials(counted, trials[:3], store, workers=0, label="counted")
+    assert [(r["ego"], r["seed"]) for r in fewer] == [("a", 0), ("a", 1), ("b", 0)]
+
+
+def test_studies_can_be_extended(tmp_path, monkeypatch):
+    """More seeds, egos, levels or sequences go into the same folder, others settings do not."""
+    asked = []
+
+    def episode(ego, seed, **setting):
+        asked.append((ego, seed))
+        return {"x": 1}
+
+    monkeypatch.setattr(closed_loop, "run_episode", episode)
+    for egos, seeds in ((("oracle",), 2), (("oracle", "foresight"), 3), (("foresight",), 1)):
+        rows = closed_loop.study(tmp_path / "loop", egos, range(seeds), workers=0)
+        assert {(r["ego"], r["seed"]) for r in rows} == {(e, s) for e in egos for s in range(seeds)}
+    assert len(asked) == len(set(asked)) == 6
+    with pytest.raises(StoreError, match=r"another configuration \(noise_std, players\)"):
+        closed_loop.study(
+            tmp_path / "loop", egos, range(2), closed_loop.ClosedLoop(3, noise_std=0.1)
+        )
+    monkeypatch.setattr(estimation, "run_sequence", lambda **trial: {"x": 1})
+    for levels, sequences in ((2, 1), (3, 2), (2, 2)):
+        rows = estimation.study(tmp_path / "noise", levels, sequences, workers=0)
+        assert len(rows) == levels * sequences * 4
 
 
 def test_a_failing_trial_is_a_row(tmp_path):

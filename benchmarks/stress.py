@@ -1,0 +1,258 @@
+"""Reliability: random games of many kinds, from a cold start; every failure by its label."""
+
+from __future__ import annotations
+
+import runpy
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+from benchmarks.report import Result, Row, Setting
+from benchmarks.timing import ROOT
+from foresight_env.equilibrium import Solution, Status, solve_many, verify
+from foresight_env.games import (
+    Bounds,
+    DoubleIntegrator,
+    Effort,
+    Game,
+    Goal,
+    Inequality,
+    KeepAllApart,
+    KeepApart,
+    KinematicBicycle,
+    LaneCenter,
+    Player,
+    SharedInequality,
+    SigmoidProximity,
+    SquaredDistanceHinge,
+    TargetSpeed,
+)
+from foresight_env.scenarios.crosswalk import crosswalk_game, nominal_setting, player_theta
+
+SITUATIONS = ("crossing", "head-on", "inside the margin", "goal beyond reach")
+GAMMA = (0.01, 1.1)
+GAMMA_UNDISCOUNTED = (0.7, 1.1)
+"""An undiscounted cost weighs `gamma**-t` beside the others: no scaling suits small gammas."""
+
+
+class Drawn(NamedTuple):
+    """One random game of a class."""
+
+    states: np.ndarray
+    theta: Sequence[dict[str, Any]]
+    gamma: np.ndarray
+    situation: str
+
+
+@dataclass(frozen=True)
+class Family:
+    """A kind of game: how it is made for (players, horizon), how situations are drawn."""
+
+    name: str
+    make: Callable[[int, int], Game]
+    draw: Callable[[np.random.Generator, int, int], Drawn]
+    sizes: tuple[tuple[int, int], ...]
+
+
+def places(random: np.random.Generator, players: int, situation: str) -> tuple[Any, Any]:
+    """Starts and goals (N, 2) of people or cars that meet in the middle."""
+    nominal = nominal_setting(players)
+    start = nominal.initial_states[:, :2] + random.uniform(-0.3, 0.3, (players, 2))
+    goal = nominal.goals + random.uniform(-0.3, 0.3, (players, 2))
+    if situation == "head-on":
+        start[:2] = [[0.0, 1.0], [2.0, 1.0 + random.uniform(-0.02, 0.02)]]
+        goal[:2] = [[2.0, 1.0], [0.0, 1.0]]
+    elif situation == "inside the margin":
+        start[1] = start[0] + random.uniform(-0.3, 0.3, 2)
+    elif situation == "goal beyond reach":
+        goal = 10.0 * goal - 9.0
+    return start, goal
+
+
+def walkers(random: np.random.Generator, players: int, k: int, *, gamma: Any = GAMMA) -> Drawn:
+    """Double integrators that start at any speed within their limits."""
+    situation = SITUATIONS[k % len(SITUATIONS)]
+    start, goal = places(random, players, situation)
+    states = np.concatenate([start, random.uniform(-0.8, 0.8, (players, 2))], axis=1)
+    return Drawn(
+        states, [player_theta(g) for g in goal], random.uniform(*gamma, players), situation
+    )
+
+
+def cars(random: np.random.Generator, players: int, k: int, *, scale: float = 4.0) -> Drawn:
+    """Bicycles that drive towards their goals, up to 0.3 rad off."""
+    situation = SITUATIONS[k % len(SITUATIONS)]
+    start, goal = (scale * v for v in places(random, players, situation))
+    heading = np.arctan2(*(goal - start).T[::-1]) + random.uniform(-0.3, 0.3, players)
+    speed = random.uniform(0.5, 4.0, players)
+    states = np.concatenate([start, speed[:, None], heading[:, None]], axis=1)
+    theta = [{"goal": g, "speed": v} for g, v in zip(goal, speed, strict=True)]
+    return Drawn(states, theta, random.uniform(*GAMMA, players), situation)
+
+
+def walking_game(players: int, horizon: int, *, sigmoid: bool) -> Game:
+    """Squared hinge or sigmoid proximity, discounted like everything else."""
+    near = SigmoidProximity(0.8, 2.0) if sigmoid else SquaredDistanceHinge(1.2, 5.0)
+    free = np.inf
+    player = Player(
+        DoubleIntegrator(0.1),
+        (Goal("goal_weight"), Effort("control_weight"), near),
+        state_bounds=Bounds.box([-free, -free, -0.8, -0.8], [free, free, 0.8, 0.8], 4),
+        control_bounds=Bounds.box(-2.0, 2.0, 2),
+    )
+    return Game((player,) * players, horizon)
+
+
+def driver(*costs: Any, **more: Any) -> Player:
+    """A car that neither reverses nor turns on the spot."""
+    free = np.inf
+    return Player(
+        KinematicBicycle(0.1, 2.5),
+        costs,
+        state_bounds=Bounds.box([-free, -free, 0.0, -free], [free, free, 8.0, free], 4),
+        control_bounds=Bounds.box([-6.0, -0.6], [4.0, 0.6], 2),
+        **more,
+    )
+
+
+def driving_game(players: int, horizon: int, *, hard: bool) -> Game:
+    """Cars to goals: a hinge between them, or a shared constraint."""
+    shared = (SharedInequality(KeepAllApart(4.0), players * (players - 1) // 2),) if hard else ()
+    near = () if hard else (SquaredDistanceHinge(3.0, 5.0),)
+    return Game((driver(Goal(0.1), Effort(0.5), *near),) * players, horizon, shared)
+
+
+def lane_game(players: int, horizon: int) -> Game:
+    """One lane per car, crossing under an angle; elastic collision cost."""
+    made = []
+    for i in range(players):
+        lane = LaneCenter((0.3 * (-1) ** i, 0.0))
+        apart = Inequality(KeepApart(4.0), players - 1, 20.0)
+        made.append(driver(lane, TargetSpeed("speed"), Effort(0.5), inequalities=(apart,)))
+    return Game(tuple(made), horizon)
+
+
+def mixed_game(players: int, horizon: int) -> Game:
+    """Every other agent is a car, the rest walk; hinges between all."""
+    near = SquaredDistanceHinge(2.0, 5.0)
+    walker = Player(
+        DoubleIntegrator(0.1),
+        (Goal(), Effort(0.1), near),
+        control_bounds=Bounds.box(-3.0, 3.0, 2),
+    )
+    car = driver(Goal(0.1), Effort(0.5), near)
+    return Game(tuple(walker if i % 2 else car for i in range(players)), horizon)
+
+
+def mixed(random: np.random.Generator, players: int, k: int) -> Drawn:
+    """As `cars`, with velocities instead of speed and heading for those who walk."""
+    drawn = cars(random, players, k, scale=2.0)
+    states = drawn.states.copy()
+    states[1::2, 2:] = random.uniform(-1.0, 1.0, states[1::2, 2:].shape)
+    return drawn._replace(states=states)
+
+
+def families() -> list[Family]:
+    """All of them; the lane change is the example's."""
+    example = runpy.run_path(str(ROOT / "examples" / "own_game.py"))
+
+    def lane_change(random: np.random.Generator, players: int, k: int) -> Drawn:
+        return Drawn(*example["draw"](random), "lane change")
+
+    small, large = ((2, 5), (2, 25), (4, 10), (6, 10)), ((2, 10), (3, 25), (2, 50))
+    undiscounted = partial(walkers, gamma=GAMMA_UNDISCOUNTED)
+    return [
+        Family(
+            "lane change, shared constraint",
+            lambda n, t: example["lane_change"](t),
+            lane_change,
+            tuple((2, t) for t in (10, 20, 30, 40, 50)),
+        ),
+        Family("walkers, elastic", crosswalk_game, walkers, (*small, *large)),
+        Family(
+            "walkers, shared constraint", partial(crosswalk_game, proximity="hard"), walkers, small
+        ),
+        Family("walkers, squared hinge", partial(walking_game, sigmoid=False), walkers, small),
+        Family("walkers, sigmoid", partial(walking_game, sigmoid=True), walkers, small),
+        Family(
+            "walkers, undiscounted hinge",
+            partial(crosswalk_game, proximity="reference"),
+            undiscounted,
+            ((2, 10), (2, 25)),
+        ),
+        Family("cars, squared hinge", partial(driving_game, hard=False), cars, small),
+        Family("cars, shared constraint", partial(driving_game, hard=True), cars, small),
+        Family("cars on lanes, elastic", lane_game, cars, small),
+        Family("cars and walkers, squared hinge", mixed_game, mixed, small),
+    ]
+
+
+def situation_rows(name: str, size: tuple[int, int], drawn: Sequence[Drawn], found: Solution,
+                   verified: np.ndarray) -> list[Row]:  # fmt: skip
+    """One line per situation of a class of games."""
+    rows: list[Row] = []
+    situations = np.array([d.situation for d in drawn])
+    for situation in dict.fromkeys(situations):
+        mine = situations == situation
+        status = found.status[mine]
+        solved = status == Status.SOLVED
+        iterations = found.iterations[mine]
+        rows.append(
+            {
+                "game": name,
+                "N": str(size[0]),
+                "T": str(size[1]),
+                "situation": str(situation),
+                "games": str(mine.sum()),
+                "solved": f"{solved.mean():.1%}",
+                "infeasible": str((status == Status.INFEASIBLE).sum()),
+                "other failures": str((~solved & (status != Status.INFEASIBLE)).sum()),
+                "local equilibria": f"{verified[mine][solved].mean():.1%}" if solved.any() else "-",
+                "iterations, median, p95": f"{np.median(iterations):.0f}, "
+                f"{np.percentile(iterations, 95):.0f}",
+            }
+        )
+    return rows
+
+
+def run(setting: Setting) -> list[Result]:
+    """The study; `quick` draws a tenth of the games and verifies none."""
+    count = 16 if setting.quick else 128
+    rows: list[Row] = []
+    total = solved = feasible = not_finite = 0
+    for family in families():
+        for size in family.sizes:
+            with setting.console.status(f"{family.name}, N = {size[0]}, T = {size[1]}"):
+                game = family.make(*size)
+                random = np.random.default_rng([*size, len(family.name)])
+                drawn = [family.draw(random, size[0], k) for k in range(count)]
+                found = solve_many(
+                    game,
+                    np.stack([d.states.ravel() for d in drawn]),
+                    [d.theta for d in drawn],
+                    np.stack([d.gamma for d in drawn]),
+                )
+                good = found.status == Status.SOLVED
+                verified = np.zeros(count, bool)
+                for k in np.flatnonzero(good) if not setting.quick else ():
+                    one: Solution = jax.tree.map(lambda v, k=k: v[k], found)
+                    checked = verify(game, one, drawn[k].theta, drawn[k].gamma)
+                    verified[k] = checked.is_local_equilibrium
+            finite = np.isfinite(np.concatenate(found.states, axis=2)).all(axis=(1, 2))
+            not_finite += int((good & ~finite).sum())
+            total += count
+            solved += int(good.sum())
+            feasible += int((found.status != Status.INFEASIBLE).sum())
+            rows += situation_rows(family.name, size, drawn, found, verified)
+    note = (
+        f"{total} random games, gamma uniform in {GAMMA} (undiscounted hinge: "
+        f"{GAMMA_UNDISCOUNTED}), cold start, tolerance 1e-8. Solved: {solved / total:.2%} of all, "
+        f"{solved / feasible:.2%} of those not labelled infeasible; {not_finite} of the solved hold "
+        "a number that is not finite. Local equilibria: of the solved, by `verify`"
+        + (" (not measured with --quick)." if setting.quick else ".")
+    )
+    return [Result("Reliability", note, rows).show(setting.console)]
