@@ -250,9 +250,9 @@ def run(setting: Setting) -> list[Result]:
             rows += situation_rows(family.name, size, drawn, found, verified)
     note = (
         f"{total} random games, gamma uniform in {GAMMA} (undiscounted hinge: "
-        f"{GAMMA_UNDISCOUNTED}), cold start, tolerance 1e-8. Solved: {solved / total:.2%} of all, "
-        f"{solved / feasible:.2%} of those not labelled infeasible; {not_finite} of the solved hold "
-        "a number that is not finite. Local equilibria: of the solved, by `verify`"
+        f"{GAMMA_UNDISCOUNTED}), cold, tolerance 1e-8. Solved: {solved / total:.2%} of all, "
+        f"{solved / feasible:.2%} of those not labelled infeasible; {not_finite} of the solved "
+        "hold a number that is not finite. Local equilibria: of the solved, by `verify`"
         + (" (not measured with --quick)." if setting.quick else ".")
     )
     return [Result("Reliability", note, rows).show(setting.console)]

@@ -38,7 +38,7 @@ class Options:
     """Newton steps per attempt."""
     barrier: float = 1e-9
     """Complementarity product at the solution: the solution is a smooth function of parameters."""
-    start_barrier: float = 1.0
+    start_barrier: float = 0.1
     """Complementarity product of a cold start."""
     exact_below: float = 1e-2
     """Residual below which curvature of proximity terms and constraints is used exactly."""

@@ -12,7 +12,8 @@ not symmetric: its rows belong to different players.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from collections.abc import Callable
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -60,12 +61,12 @@ class _Recursion(NamedTuple):
 
     value: Float[Array, "T n n"]
     gain: Float[Array, "T m n"]
-    block: Float[Array, "T w w"]
-    """Second derivatives of cost-to-go by (x_t, u_t), rows of different players."""
+    inverse: Float[Array, "T m m"]
+    back: Float[Array, "T n m"]
 
 
 SMALL_STAGE = 16
-"""Up to this stage size a library call costs more than the arithmetic it does (`make bench`)."""
+"""Up to this stage size a library call costs more than the arithmetic it does."""
 
 
 def factorise(system: StageSystem) -> Factor:
@@ -78,9 +79,9 @@ def factorise(system: StageSystem) -> Factor:
     direct = system.dynamics_hessian + control_now
     direct = direct.at[:, n:, :].add(left_now @ transition)
     direct = direct.at[:, :, n:].add(jnp.swapaxes(transition, 1, 2) @ system.hessian[:, :n, n:])
-    value, gain, block = _recursion(system.hessian[:, :n, :n], direct, transition, system.rho)
-    inverse = _inverses(block[:, n:, n:])
-    back = block[:, :n, n:]
+    value, gain, inverse, back = _recursion(
+        system.hessian[:, :n, :n], direct, transition, system.rho
+    )
     backed = back @ inverse
     transposed = jnp.swapaxes(system.b, 1, 2)
     return Factor(
@@ -123,24 +124,33 @@ def _times(matrices: Float[Array, "T a b"], vectors: Float[Array, "T b"]) -> Flo
 
 
 def _riccati(
-    hxx: Array, direct: Array, transition: Array, rho: Array, small: bool, product: Any
+    hxx: Array,
+    direct: Array,
+    transition: Array,
+    rho: Array,
+    product: Callable[[Array, Array], Array],
+    own_elimination: bool,
 ) -> _Recursion:
     n = hxx.shape[1]
 
-    def step(carry: Array, stage: tuple[Array, ...]) -> tuple[Array, _Recursion]:
+    def step(carry: Array, stage: tuple[Array, ...]) -> tuple[Array, tuple[Array, ...]]:
         h, d, z, r = stage
         p = h + carry
         block = product(product(z.T, p), z) + d
-        if small:
-            gain = -_eliminate(block[n:, n:], block[n:, :n])
-        else:
-            gain = -jnp.linalg.inv(block[n:, n:]) @ block[n:, :n]
+        pivot, right = block[n:, n:], block[n:, :n]
+        gain = -_eliminate(pivot, right) if own_elimination else -jnp.linalg.inv(pivot) @ right
         carry = r[:, None] * (block[:n, :n] + product(block[:n, n:], gain))
-        return carry, _Recursion(p, gain, block)
+        return carry, (p, gain, pivot, block[:n, n:])
 
     begin = jnp.zeros((n, n), hxx.dtype)
-    _, out = jax.lax.scan(step, begin, (hxx, direct, transition, rho), reverse=True)
-    return out
+    stages = (hxx, direct, transition, rho)
+    _, (value, gain, pivot, back) = jax.lax.scan(step, begin, stages, reverse=True)
+    if own_elimination:  # all stages at once
+        eye = jnp.eye(pivot.shape[1], dtype=pivot.dtype)
+        inverse = jax.vmap(lambda a: _eliminate(a, eye))(pivot)
+    else:
+        inverse = jnp.linalg.inv(pivot)
+    return _Recursion(value, gain, inverse, back)
 
 
 def _library_product(a: Array, b: Array) -> Array:
@@ -156,21 +166,24 @@ def _recursion(hxx: Array, direct: Array, transition: Array, rho: Array) -> _Rec
     """One game: where matrices are small, products are fused into the surrounding arithmetic."""
     small = transition.shape[2] <= SMALL_STAGE
     product = _fused_product if small else _library_product
-    return _riccati(hxx, direct, transition, rho, small, product)
+    return _riccati(hxx, direct, transition, rho, product, small)
 
 
 @_recursion.def_vmap
 def _recursion_batched(
     size: int, batched: list[bool], *arguments: Array
 ) -> tuple[_Recursion, _Recursion]:
-    """Many games at once: a batched library product beats the fused one."""
-    small = arguments[2].shape[-1] <= SMALL_STAGE
+    """Many games at once: a batched library product beats the fused one.
+
+    LAPACK is left out: its batched calls from two threads at once make jaxlib (0.10) wait for ever.
+    """
 
     def one(hxx: Array, direct: Array, transition: Array, rho: Array) -> _Recursion:
-        return _riccati(hxx, direct, transition, rho, small, _library_product)
+        return _riccati(hxx, direct, transition, rho, _library_product, True)
 
     axes = tuple(0 if b else None for b in batched)
-    return jax.vmap(one, in_axes=axes, axis_size=size)(*arguments), _Recursion(True, True, True)  # type: ignore[arg-type]
+    found = jax.vmap(one, in_axes=axes, axis_size=size)(*arguments)
+    return found, _Recursion(True, True, True, True)  # type: ignore[arg-type]
 
 
 def _eliminate(matrix: Float[Array, "m m"], right: Float[Array, "m k"]) -> Float[Array, "m k"]:
@@ -187,11 +200,3 @@ def _eliminate(matrix: Float[Array, "m m"], right: Float[Array, "m k"]) -> Float
         pivot = both[k] / both[k, k]
         both = jnp.where(rows == k, pivot[None], both - both[:, k : k + 1] * pivot[None])
     return both[:, size:]
-
-
-def _inverses(matrices: Float[Array, "T m m"]) -> Float[Array, "T m m"]:
-    """All stages' inverses at once."""
-    if matrices.shape[1] > SMALL_STAGE // 2:
-        return jnp.linalg.inv(matrices)
-    eye = jnp.eye(matrices.shape[1], dtype=matrices.dtype)
-    return jax.vmap(lambda a: _eliminate(a, eye))(matrices)
