@@ -185,3 +185,49 @@ def test_errors_name_the_argument():
         estimator(free=(Free((), False, False), FREE[1])).init(theta, gamma)
     with pytest.raises(ValueError, match=f"game: has horizon {HORIZON}; expected at least"):
         estimator(window=HORIZON + 1).init(theta, gamma)
+
+
+def test_the_arrival_cost_is_the_forecast_of_the_fit_before_the_window(monkeypatch):
+    """It is about the window's first stage, from observations before it: none counts twice."""
+    made, states = run()
+    priors = []
+    fitted = online.estimate
+
+    def spy(*arguments, **named):
+        priors.append(named["prior"])
+        return fitted(*arguments, **named)
+
+    monkeypatch.setattr(online, "estimate", spy)
+    last = states[-2]
+    made.update(last, seen()[LENGTH - 1])
+    start = LENGTH - WINDOW  # the window's first observation, counted from 0
+    before = states[start].estimate  # made when observations 0 .. start - 1 had come
+    expected = np.concatenate([s[len(states[start].observations)] for s in before.solution.states])
+    is_state = np.array([n.startswith("x0[") for n in before.names])
+    for prior in priors:
+        np.testing.assert_array_equal(prior.mean[is_state], expected)
+        np.testing.assert_array_equal(prior.mean[~is_state], before.values[~is_state])
+
+
+def test_after_a_failure_the_arrival_cost_still_is_about_the_right_stage(monkeypatch):
+    made, states = run()
+    state = states[WINDOW + 1]
+    failed = made.update(state, np.full(MODEL.size, np.nan))
+    fitted = online.estimate
+    monkeypatch.setattr(
+        online, "estimate",
+        lambda *a, **k: fitted(*a, **k)._replace(status=np.asarray(int(Status.DIVERGED))),
+    )  # fmt: skip
+    for k in range(3):
+        failed = made.update(failed, seen()[WINDOW + 1 + k])
+    assert failed.failures == 3
+    stages = [b.stage for b in failed.beliefs]
+    assert stages == list(range(failed.total - WINDOW + 1, failed.total + 1))
+
+
+def test_observations_of_another_size_are_refused():
+    made, states = run()
+    with pytest.raises(ValueError, match=r"observation: has shape \(10,\); expected \(8,\)"):
+        made.update(states[0], np.zeros(10))
+    with pytest.raises(ValueError, match="free: expected a sequence of 2"):
+        estimator(free=Free()).init([{}, {}], 0.8)

@@ -1,5 +1,8 @@
 """`solve_many` is `solve` on every game, whatever the other games do."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 from small_games import (
@@ -71,6 +74,24 @@ def test_parameters_of_each_game_and_a_warm_start():
     for k in range(3):
         same(found, k, solve(crossing(), states[k], thetas[k], gamma[k]))
         np.testing.assert_allclose(again.states[0][k], found.states[0][k], atol=1e-7)
+
+
+CROWD = """
+import numpy as np
+from foresight_env.equilibrium import solve_many
+from foresight_env.scenarios.crosswalk import crosswalk_game, draw_crossing
+drawn = [draw_crossing(np.random.default_rng(k), 4) for k in range(24)]
+found = solve_many(
+    crosswalk_game(4, 5), np.stack([d.initial_states for d in drawn]),
+    [d.theta for d in drawn], np.stack([d.gamma for d in drawn]), threads=2,
+)
+assert (found.status == 0).all()
+"""
+
+
+def test_two_threads_do_not_wait_for_each_other():
+    """LAPACK's batched calls would: large stages from two threads hang jaxlib 0.10."""
+    subprocess.run([sys.executable, "-c", CROWD], check=True, timeout=240)
 
 
 def test_players_of_unequal_sizes():

@@ -1,0 +1,51 @@
+"""Infer on the way: an estimator beside one's own policy. `python examples/online.py`
+
+Pedestrian 0 walks to its goal by a rule of ours; from its noisy observations the estimator infers
+where pedestrian 1 wants to go and how far it looks ahead.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from foresight_env.envs import crosswalk_v0
+from foresight_env.inverse import Free, OnlineEstimator, Prior
+
+NOISE = 0.03
+
+
+def main(seed=1, steps=25):
+    """Walk and infer; returns the last state of the estimator and the true discount factor."""
+    env = crosswalk_v0.parallel_env(players=2, noise_std=NOISE)
+    observations, infos = env.reset(seed=seed)
+    scene, agent = env.scene, env.agents[0]
+    own = scene.own(0)
+    estimator = OnlineEstimator(
+        replace(scene.game, horizon=24),  # 10 observed stages, 15 predicted
+        scene.observation_model(0),
+        free=(Free((), gamma=False, initial_state=True), Free(("goal",), True, True)),
+        covariance=NOISE**2,
+        prior=Prior(gamma_weight=4.0, theta_deviation=(("goal", 3.0),)),  # gamma about 1 +- 0.5
+        aging=1.5,  # others replan, so old observations say less
+    )
+    # First guesses: it shares our weights and wants to stay where it is.
+    theta = [own.theta, {**own.theta, "goal": observations[agent][4:6]}]
+    state = estimator.init(theta, [own.gamma, 0.8])
+    for step in range(steps):
+        seen, goal = observations[agent][:-2], observations[agent][-2:]  # the goal is our own
+        state = estimator.update(state, seen)
+        if state.estimate is not None and step % 4 == 0:
+            mean, deviation = state.gamma[1], state.gamma_deviation[1]
+            now = state.estimate.solution.states[1][state.stage]
+            print(f"{step * scene.dt:.1f} s: gamma {mean:.2f} +- {deviation:.2f}, at {now[:2]}")
+        action = np.clip(2.0 * (goal - seen[:2]) - 3.0 * seen[2:4], -2.0, 2.0)
+        observations, _, _, _, infos = env.step({agent: action.astype(np.float32)})
+        if not env.agents:
+            break
+        truth = float(infos[agent]["gamma"][1])
+    print(f"true gamma {truth:.2f}, failed updates {state.failures}, misfit {state.misfit:.1f}")
+    return state, truth
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,33 @@
+"""The examples run and find what they claim to find."""
+
+import runpy
+from pathlib import Path
+
+import numpy as np
+
+EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
+
+
+def example(name):
+    return runpy.run_path(str(EXAMPLES / f"{name}.py"))
+
+
+def test_own_game(capsys):
+    true, inferred = example("own_game")["main"]()
+    np.testing.assert_allclose(inferred, true, atol=0.1)
+    told = capsys.readouterr().out
+    assert "local equilibrium: True" in told
+    assert "solved 100.0% of 1000" in told
+
+
+def test_online():
+    state, _ = example("online")["main"](steps=8)
+    assert state.failures == 0
+    assert state.estimate is not None
+    assert 0.0 <= state.gamma[1] <= 1.5
+    assert state.gamma_deviation[1] < 1.0
+
+
+def test_the_library_s_ego_beats_the_rule_of_thumb():
+    made = example("step_loop")
+    assert made["by_ego"]() > made["by_hand"]()
