@@ -26,6 +26,8 @@ class Study(StrEnum):
     """Modules of this package, in the order in which they run."""
 
     FORWARD = "forward"
+    BATCH = "batch"
+    GROWTH = "growth"
     INVERSE = "inverse"
     ACCURACY = "accuracy"
     EGOS = "egos"

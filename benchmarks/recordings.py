@@ -12,6 +12,8 @@ from evaluation.recorded import METHODS, Encounter, EncounterError, Forecast, en
 from evaluation.statistics import clustered_interval, mean_interval
 
 TITLE = "Recorded crossings"
+LEAST_GROUPS = 5
+"""Groups of dependent pairs below which resampling them means nothing."""
 QUICK_PAIRS = 4
 """Pairs per file with `--quick`."""
 
@@ -81,7 +83,12 @@ def paired(
                 "pairs": str(len(chosen)),
                 "groups": str(len(set(clusters))),
                 "foresight minus": other,
-                "ADE [m]": f"{interval.mean:+.3f} [{interval.low:+.3f}, {interval.high:+.3f}]",
+                "ADE [m]": f"{interval.mean:+.3f} "
+                + (
+                    f"[{interval.low:+.3f}, {interval.high:+.3f}]"
+                    if len(set(clusters)) >= LEAST_GROUPS
+                    else "(too few groups)"
+                ),
             }
         )
     return rows
