@@ -93,7 +93,7 @@ class OnlineEstimator:
 
     game: Game
     model: ObservationModel
-    free: Sequence[Free]
+    free: Free | Sequence[Free]
     covariance: float
     """Variance of the noise of the newest observation."""
     window: int = 10
@@ -110,18 +110,18 @@ class OnlineEstimator:
 
     def init(self, theta: Sequence[Theta], gamma: Any) -> OnlineState:
         """Nothing seen yet; `theta` and `gamma` are fixed values or first guesses."""
-        if isinstance(self.free, Free) or len(self.free) != len(self.game.players):
-            raise ValueError(
-                f"free: expected a sequence of {len(self.game.players)}, one Free per player"
-            )
-        if not all(f.initial_state for f in self.free):
+        count = len(self.game.players)
+        each = (self.free,) * count if isinstance(self.free, Free) else self.free
+        if len(each) != count:
+            raise ValueError(f"free: expected a sequence of {count}, one Free per player, or one")
+        if not all(f.initial_state for f in each):
             raise ValueError("free: an online estimator needs every player's initial state free")
         if self.game.horizon < self.window:
             raise ValueError(
                 f"game: has horizon {self.game.horizon}; expected at least the window's "
                 f"{self.window}"
             )
-        discounts = np.broadcast_to(np.asarray(gamma, float), (len(self.game.players),)).copy()
+        discounts = np.broadcast_to(np.asarray(gamma, float), (count,)).copy()
         return OnlineState((), (), None, None, tuple(theta), discounts, tuple(theta), 0, 0)
 
     def update(self, state: OnlineState, observation: Float[np.ndarray, "size"]) -> OnlineState:

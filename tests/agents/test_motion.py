@@ -54,7 +54,8 @@ def test_straight_motion_is_found_and_continued(position, velocity, count, dt):
     np.testing.assert_allclose(found[0], position, atol=1e-9)
     np.testing.assert_allclose(found[1], velocity, atol=1e-8)
     ahead = extrapolate(*found, 3, dt)
-    np.testing.assert_allclose(ahead[2, :2], np.array(position) + 3 * dt * np.array(velocity))
+    end = np.array(position) + 3 * dt * np.array(velocity)
+    np.testing.assert_allclose(ahead[2, :2], end, rtol=1e-7, atol=1e-8)
     np.testing.assert_allclose(ahead[:, 2:], np.tile(velocity, (3, 1)), atol=1e-8)
 
 

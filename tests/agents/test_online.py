@@ -230,4 +230,6 @@ def test_observations_of_another_size_are_refused():
     with pytest.raises(ValueError, match=r"observation: has shape \(10,\); expected \(8,\)"):
         made.update(states[0], np.zeros(10))
     with pytest.raises(ValueError, match="free: expected a sequence of 2"):
+        estimator(free=(Free(),)).init([{}, {}], 0.8)
+    with pytest.raises(ValueError, match="free: an online estimator needs every player's initial"):
         estimator(free=Free()).init([{}, {}], 0.8)
