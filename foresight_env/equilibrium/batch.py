@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from foresight_env.equilibrium.implicit import Equilibrium, nudged_start
+from foresight_env.equilibrium.implicit import Equilibrium
 from foresight_env.equilibrium.interior_point import (
     Evaluation,
     Options,
@@ -25,13 +25,14 @@ from foresight_env.equilibrium.interior_point import (
     evaluate,
     hopeless,
     is_finite,
-    masks_of,
     newton_step,
     violation,
 )
 from foresight_env.equilibrium.kkt import Iterate, Parameters
 from foresight_env.equilibrium.layout import Layout, layout_of
-from foresight_env.equilibrium.solve import Solution, begin, to_solution
+from foresight_env.equilibrium.pairs import pairs_of
+from foresight_env.equilibrium.solve import Solution, to_solution
+from foresight_env.equilibrium.start import Start, begin, begin_attempt
 from foresight_env.equilibrium.validation import check_parameters
 from foresight_env.games.game import Game
 from foresight_env.precision import to_numpy
@@ -48,117 +49,121 @@ class _Lane(NamedTuple):
     attempt: Int[Array, ""]
     iteration: Int[Array, ""]
     spent: Int[Array, ""]
-    fresh: Bool[Array, ""]
-    """The point has not been evaluated yet."""
+    error: Float[Array, ""]
+    """That of the point before; infinite at an attempt's start."""
     point: Iterate
-    evaluation: Evaluation
+    safe: Iterate
+    """The last point at which everything was finite."""
+    broken: Bool[Array, ""]
+    """A step overflowed: `point` is the safe one again, and the attempt ends."""
+
+
+def _fresh(number: Array, attempt: Array, spent: Array, point: Iterate) -> _Lane:
+    zero = jnp.zeros((), int)
+    never = jnp.zeros((), bool)
+    return _Lane(number, attempt, zero, spent, jnp.asarray(jnp.inf), point, point, never)
 
 
 def _advance(
-    layout: Layout, options: Options, parameters: Parameters, starts: Iterate, lane: _Lane
-) -> tuple[_Lane, Equilibrium, Bool[Array, ""]]:
-    """One step of one lane; its result so far, and whether the game has ended."""
-    masks = masks_of(layout)
-    count = parameters.gamma.shape[0]
-    mine: Parameters = jax.tree.map(lambda v: v[jnp.minimum(lane.number, count - 1)], parameters)
-    old = lane.evaluation
-    stepped = newton_step(layout, masks, lane.point, old, options)
-    point = _choose(lane.fresh, lane.point, stepped)
-    exact_below = options.exact_below * 10.0**lane.attempt
-    convexity = jnp.where(~lane.fresh & (old.error < exact_below), 0.0, 1.0)
-    ev = evaluate(layout, masks, point, mine, convexity, options)
-    finite = is_finite(point, ev)
-    keep = finite | lane.fresh
-    point, ev = _choose(keep, (point, ev), (lane.point, old))
-    iteration = lane.iteration + jnp.where(lane.fresh, 0, 1)
-    spent = lane.spent + jnp.where(lane.fresh, 0, 1)
-    solved = converged(ev, options) & finite
-    stuck = ~finite | hopeless(point, ev) | (iteration >= options.max_iterations)
-    last = lane.attempt + 1 >= options.attempts
-    ended = (lane.number < count) & (solved | (stuck & last))
+    layout: Layout, options: Options, mine: Parameters, lane: _Lane, *, cold: bool
+) -> tuple[_Lane, Equilibrium, Bool[Array, ""], Bool[Array, ""]]:
+    """One step of one lane; its result so far, whether it is solved, whether it is stuck."""
+    pairs = pairs_of(layout)
+    local = None if cold else lane.attempt == 0
+    exact_below = options.exact_below * 10.0 ** jnp.maximum(lane.attempt - 1, 0)
+    limit = jnp.asarray(options.max_iterations)
+    exact = lane.error < exact_below
+    if local is not None:
+        exact, limit = exact | local, jnp.where(local, options.local_steps, limit)
+    ev = evaluate(layout, pairs, lane.point, mine, jnp.where(exact, 0.0, 1.0), options)
+    finite = is_finite(lane.point, ev)
+    solved = converged(ev, options) & finite & ~lane.broken
+    done = lane.broken | hopeless(lane.point, ev) | (lane.iteration >= limit)
+    stuck = finite & ~solved & done
     result = Equilibrium(
-        point,
+        lane.point,
         ev.q,
-        jnp.where(finite, ev.error, jnp.inf),
+        jnp.where(lane.broken, jnp.inf, ev.error),
         ev.complementarity,
         violation(ev),
-        spent,
+        lane.spent,
         solved,
     )
-    begun: Iterate = jax.tree.map(lambda v: v[jnp.minimum(lane.number, count - 1)], starts)
-    again = nudged_start(layout, options, mine, begun.u, lane.attempt + 1)
-    retry = stuck & ~solved
-    lane = _Lane(
-        lane.number,
-        jnp.where(retry, lane.attempt + 1, lane.attempt),
-        jnp.where(retry, 0, iteration),
-        spent,
-        retry,
-        _choose(retry, again, point),
-        ev,
+    stepped = newton_step(layout, pairs, lane.point, ev, options, local)
+    lane = lane._replace(
+        iteration=lane.iteration + 1,
+        spent=lane.spent + finite,
+        error=ev.error,
+        point=_choose(finite, stepped, lane.safe),
+        safe=_choose(finite, lane.point, lane.safe),
+        broken=~finite,
     )
-    return lane, result, ended
+    return lane, result, solved, stuck
 
 
 def _choose(condition: Array, yes: Any, no: Any) -> Any:
-    return jax.tree.map(lambda a, b: jnp.where(condition, a, b), yes, no)
+    """Entry by entry of the leading axes that `condition` has."""
+
+    def choose(a: Array, b: Array) -> Array:
+        return jnp.where(
+            condition.reshape(condition.shape + (1,) * (a.ndim - condition.ndim)), a, b
+        )
+
+    return jax.tree.map(choose, yes, no)
 
 
 @partial(jax.jit, static_argnums=(0, 1, 2))
 def _solve_lanes(
-    layout: Layout, options: Options, width: int, parameters: Parameters, starts: Iterate | None
+    layout: Layout, options: Options, width: int, parameters: Parameters, guess: Iterate | None
 ) -> Solution:
     count = parameters.gamma.shape[0]
-    if starts is None:
-        starts = jax.vmap(lambda p: begin(layout, options, p, None))(parameters)
-    else:
-        starts = jax.vmap(lambda p, s: begin(layout, options, p, s))(parameters, starts)
-    masks = masks_of(layout)
+    starts: Start = jax.vmap(lambda p, s: begin(layout, options, p, s))(parameters, guess)
+    first = 1 if starts.near is None else 0
 
-    def first(point: Iterate, mine: Parameters) -> tuple[_Lane, Equilibrium]:
-        ev = evaluate(layout, masks, point, mine, jnp.ones(()), options)
-        zero = jnp.zeros((), int)
-        lane = _Lane(zero, zero, zero, zero, jnp.ones((), bool), point, ev)
-        nothing = Equilibrium(point, ev.q, ev.error, ev.error, ev.error, zero, jnp.zeros((), bool))
-        return lane, nothing
+    def of(tree: Any, number: Array) -> Any:
+        """Entries of these games; lanes without one get the last game's."""
+        return jax.tree.map(lambda v: v[jnp.minimum(number, count - 1)], tree)
 
-    head = jnp.minimum(jnp.arange(width), count - 1)
-    lanes, nothing = jax.vmap(first)(*jax.tree.map(lambda v: v[head], (starts, parameters)))
-    lanes = lanes._replace(number=jnp.arange(width))
-    found = jax.tree.map(lambda v: jnp.zeros((count, *v.shape[1:]), v.dtype), nothing)
+    def attempt(lanes: _Lane) -> Iterate:
+        again = jax.vmap(partial(begin_attempt, layout, options))
+        return again(of(parameters, lanes.number), of(starts, lanes.number), lanes.attempt)
+
+    def renewed(lanes: _Lane) -> _Lane:
+        """The lanes at the start of their game's attempt."""
+        return jax.vmap(_fresh)(lanes.number, lanes.attempt, lanes.spent, attempt(lanes))
+
+    numbers, zeros = jnp.arange(width), jnp.zeros(width, int)
+    begun = of(starts.point, numbers)
+    lanes = renewed(jax.vmap(_fresh)(numbers, zeros + first, zeros, begun))
+    advance = jax.vmap(partial(_advance, layout, options, cold=starts.near is None))
+    shapes = jax.eval_shape(advance, of(parameters, numbers), lanes)[1]
+    found = jax.tree.map(lambda v: jnp.zeros((count, *v.shape[1:]), v.dtype), shapes)
 
     def body(state: tuple[_Lane, Equilibrium, Array]) -> tuple[_Lane, Equilibrium, Array]:
         lanes, found, waiting = state
-        lanes, result, ended = jax.vmap(
-            partial(_advance, layout, options), in_axes=(None, None, 0)
-        )(parameters, starts, lanes)
+        lanes, result, solved, stuck = advance(of(parameters, lanes.number), lanes)
+        ended = solved | (stuck & (lanes.attempt >= options.attempts))
+        ended &= lanes.number < count
         # Lanes still at work write beyond the end, which is dropped.
         place = jnp.where(ended, lanes.number, count)
         found = jax.tree.map(lambda all_, v: all_.at[place].set(v, mode="drop"), found, result)
-        following = waiting + jnp.cumsum(ended) - 1
-        number = jnp.where(ended, jnp.minimum(following, count), lanes.number)
-        start = jax.tree.map(lambda v: v[jnp.minimum(number, count - 1)], starts)
-
-        def renew(new: Array, old: Array) -> Array:
-            return jnp.where(ended.reshape(-1, *(1,) * (old.ndim - 1)), new, old)
-
-        zero = jnp.zeros_like(lanes.attempt)
-        lanes = _Lane(
-            number,
-            renew(zero, lanes.attempt),
-            renew(zero, lanes.iteration),
-            renew(zero, lanes.spent),
-            lanes.fresh | ended,
-            jax.tree.map(renew, start, lanes.point),
-            lanes.evaluation,
+        following = jnp.minimum(waiting + jnp.cumsum(ended) - 1, count)
+        turned = lanes._replace(
+            number=jnp.where(ended, following, lanes.number),
+            attempt=jnp.where(ended, first, lanes.attempt + 1),
+            spent=jnp.where(ended, 0, result.iterations),
+        )
+        turning = ended | stuck
+        lanes = jax.lax.cond(
+            jnp.any(turning), lambda: _choose(turning, renewed(turned), lanes), lambda: lanes
         )
         return lanes, found, waiting + jnp.sum(ended)
 
     def busy(state: tuple[_Lane, Equilibrium, Array]) -> Bool[Array, ""]:
         return jnp.any(state[0].number < count)
 
-    begun = (lanes, found, jnp.asarray(min(width, count)))
-    _, found, _ = jax.lax.while_loop(busy, body, begun)
+    state = (lanes, found, jnp.asarray(min(width, count)))
+    _, found, _ = jax.lax.while_loop(busy, body, state)
     return jax.vmap(partial(to_solution, layout))(found, parameters)
 
 

@@ -4,6 +4,11 @@ Every inequality `g >= 0` gets a slack and a multiplier with `slack * multiplier
 Newton's method follows that path down to `Options.barrier` with Mehrotra's predictor and corrector
 (Nocedal and Wright, "Numerical Optimization", 2nd ed., algorithm 14.3). What each iteration solves
 has the size of one stage (module `stagewise`).
+
+Near a solution that is known, of a similar game say, the path is left out: *local* steps are plain
+Newton steps on `slack + multiplier - sqrt(slack^2 + multiplier^2 + 2 barrier) = 0`, whose solutions
+are the same points but which may be entered from anywhere (Fischer, Optimization 24, 1992; smoothed
+as by Kanzow, SIAM J. Matrix Anal. Appl. 17, 1996).
 """
 
 from __future__ import annotations
@@ -24,6 +29,15 @@ from foresight_env.equilibrium.kkt import (
     stationarity,
 )
 from foresight_env.equilibrium.layout import Layout
+from foresight_env.equilibrium.pairs import (
+    Pairs,
+    Parts,
+    count,
+    distances_to_bounds,
+    join,
+    pairs_of,
+    split,
+)
 from foresight_env.equilibrium.stagewise import Factor, StageSystem, factorise, solve_stages
 from foresight_env.games.types import Scalar
 
@@ -45,6 +59,8 @@ class Options:
     attempts: int = 3
     """A failed solve starts again this often, from controls nudged off any symmetry and with the
     exact curvature used earlier."""
+    local_steps: int = 10
+    """Local steps from a similar game's solution, before the path is followed from there."""
 
 
 class Residual(NamedTuple):
@@ -55,18 +71,6 @@ class Residual(NamedTuple):
     low: Float[Array, "T w"]
     high: Float[Array, "T w"]
     rows: Float[Array, "T K"]
-
-
-class Masks(NamedTuple):
-    """Which bounds and rows exist."""
-
-    low: Float[Array, "T w"]
-    high: Float[Array, "T w"]
-    lower: Float[Array, "T w"]
-    upper: Float[Array, "T w"]
-    inequality: Float[Array, "K"]
-    elastic: Bool[Array, "K"]
-    equality: Bool[Array, "K"]
 
 
 class Evaluation(NamedTuple):
@@ -97,24 +101,9 @@ RUNAWAY_MULTIPLIER = 1e10
 """Multiplier of an unmet constraint at which the method gives up, before numbers overflow."""
 
 
-def masks_of(layout: Layout) -> Masks:
-    """Static masks; absent bounds become 0 with an inert slack."""
-    low, high = (jnp.asarray(b) for b in layout.bounds)
-    has_low, has_high = jnp.isfinite(low), jnp.isfinite(high)
-    return Masks(
-        has_low.astype(float),
-        has_high.astype(float),
-        jnp.where(has_low, low, 0.0),
-        jnp.where(has_high, high, 0.0),
-        jnp.asarray(~layout.equality, float),
-        jnp.asarray(layout.elastic, bool),
-        jnp.asarray(layout.equality, bool),
-    )
-
-
 def evaluate(
     layout: Layout,
-    masks: Masks,
+    pairs: Pairs,
     point: Iterate,
     parameters: Parameters,
     convexity: Scalar,
@@ -123,21 +112,23 @@ def evaluate(
     """Derivatives and residuals at `point`."""
     lin = linearise(layout, point, parameters, convexity)
     q = costates(lin, layout.n)
-    w = jnp.concatenate([point.x, point.u], axis=1)
-    slack = jnp.where(masks.equality, 0.0, point.slack) - jnp.where(
-        masks.elastic, point.excess, 0.0
-    )
+    above, below = distances_to_bounds(layout, pairs, jnp.concatenate([point.x, point.u], axis=1))
+    exists, slack = split(layout, pairs.exists), split(layout, point.slack)
     residual = Residual(
         stationarity(lin, q),
         lin.defect,
-        masks.low * (w - masks.lower - point.slack_low),
-        masks.high * (masks.upper - w - point.slack_high),
-        lin.values - slack,
+        jnp.where(exists.low, above - slack.low, 0.0),
+        jnp.where(exists.high, below - slack.high, 0.0),
+        lin.values
+        - jnp.where(pairs.equality, 0.0, slack.row)
+        + jnp.where(pairs.elastic, slack.excess, 0.0),
     )
-    error = jnp.max(jnp.stack([_largest(r) for r in residual]))
-    off_path = targets(masks, point, lin.penalty, jnp.asarray(options.barrier))
-    complementarity = jnp.max(jnp.stack([_largest(v) for v in off_path]))
-    return Evaluation(lin, q, residual, error, complementarity)
+    # Negative slacks and multipliers, which local steps pass through, solve nothing.
+    products = jnp.maximum(point.slack, 0.0) * jnp.maximum(point.mult, 0.0)
+    off_path = jnp.where(pairs.exists, options.barrier - products, 0.0)
+    return Evaluation(
+        lin, q, residual, _largest(jnp.concatenate(residual, axis=1)), _largest(off_path)
+    )
 
 
 def converged(ev: Evaluation, options: Options) -> Bool[Array, ""]:
@@ -151,34 +142,86 @@ def converged(ev: Evaluation, options: Options) -> Bool[Array, ""]:
 def violation(ev: Evaluation) -> Scalar:
     """Largest violation of a bound or a constraint."""
     residual = ev.residual
-    parts = (residual.low, residual.high, residual.rows)
-    return jnp.max(jnp.stack([_largest(v) for v in parts]))
+    return _largest(jnp.concatenate([residual.low, residual.high, residual.rows], axis=1))
 
 
 def largest_multiplier(point: Iterate) -> Scalar:
     """Largest multiplier of a bound or a constraint."""
-    parts = (point.mult, point.mult_low, point.mult_high)
-    return jnp.max(jnp.stack([_largest(v) for v in parts]))
+    return _largest(point.mult)
 
 
 def _largest(values: Array) -> Scalar:
     return jnp.max(jnp.abs(values), initial=0.0)
 
 
-def stage_system(layout: Layout, masks: Masks, point: Iterate, ev: Evaluation) -> StageSystem:
+class Linear(NamedTuple):
+    """Complementarity, linear in the step: `slope d_slack + own d_mult = target`, per pair."""
+
+    slope: Float[Array, "T P"]
+    own: Float[Array, "T P"]
+    target: Float[Array, "T P"]
+
+
+def on_the_path(pairs: Pairs, point: Iterate, wanted: Array) -> Linear:
+    """`slack * multiplier` becomes `wanted`, to first order."""
+    target = jnp.where(pairs.exists, wanted - point.slack * point.mult, 0.0)
+    return Linear(point.mult, point.slack, target)
+
+
+def fischer_burmeister(pairs: Pairs, point: Iterate, barrier: float) -> Linear:
+    """Newton on `slack + mult - r = 0` with `r = sqrt(slack^2 + mult^2 + 2 barrier)`.
+
+    Differences of nearly equal numbers are written as quotients.
+    """
+    s, m = point.slack, point.mult
+    r = jnp.sqrt(s**2 + m**2 + 2.0 * barrier)
+
+    def rest(value: Array, other: Array) -> Array:  # (r - value) / r
+        product = (other**2 + 2.0 * barrier) / (r * (r + jnp.abs(value)))
+        return jnp.where(value > 0.0, product, (r - value) / r)
+
+    total = s + m
+    gap = jnp.where(total > 0.0, 2.0 * (barrier - s * m) / (r + jnp.abs(total)), r - total)
+    return Linear(
+        jnp.where(pairs.exists, rest(s, m), 0.0),
+        jnp.where(pairs.exists, rest(m, s), 1.0),
+        jnp.where(pairs.exists, gap, 0.0),
+    )
+
+
+class Eliminated(NamedTuple):
+    """What remains of `Linear` once slacks and multipliers are eliminated from the stage."""
+
+    linear: Parts
+    """Slopes over own coefficients of bounds; of rows and excess, own coefficients over slopes."""
+    softness: Float[Array, "T K"]
+    """`-d g / d mult` of each row."""
+
+
+def eliminate_pairs(layout: Layout, pairs: Pairs, linear: Linear) -> Eliminated:
+    """Coefficients that the stage matrices and every right-hand side share."""
+    slope, own = split(layout, linear.slope), split(layout, linear.own)
+    excess = jnp.where(pairs.elastic, own.excess / jnp.where(pairs.elastic, slope.excess, 1.0), 0.0)
+    row = own.row / jnp.where(pairs.equality, 1.0, slope.row)
+    softness = jnp.where(pairs.equality, EQUALITY_REGULARISATION, row + excess)
+    return Eliminated(Parts(slope.low / own.low, slope.high / own.high, excess, row), softness)
+
+
+def stage_system(
+    layout: Layout, point: Iterate, ev: Evaluation, eliminated: Eliminated
+) -> StageSystem:
     """The linear system with slacks and bound multipliers eliminated."""
     lin = ev.lin
-    diagonal = (
-        masks.low * point.mult_low / point.slack_low
-        + masks.high * point.mult_high / point.slack_high
-    )
-    hessian = lin.hessian + jax.vmap(jnp.diag)(diagonal)
+    diagonal = eliminated.linear.low + eliminated.linear.high
+    eye = jnp.eye(diagonal.shape[1], dtype=bool)
+    hessian = lin.hessian + jnp.where(eye, diagonal[:, :, None], 0.0)
     curvature = dynamics_hessian(layout, point, ev)
     b = lin.b
     if layout.rows:
         # Row multipliers stay among a stage's unknowns, beside its controls. Eliminating them too
         # would put weights of 1e11 on positions and lose the game's own curvature to rounding.
-        softness = jax.vmap(jnp.diag)(row_softness(masks, point, lin.penalty))
+        soft = eliminated.softness
+        softness = jnp.where(jnp.eye(soft.shape[1], dtype=bool), soft[:, :, None], 0.0)
         pull = -jnp.swapaxes(lin.share * lin.jacobian, 1, 2)
         hessian = jnp.concatenate(
             [
@@ -188,29 +231,22 @@ def stage_system(layout: Layout, masks: Masks, point: Iterate, ev: Evaluation) -
             axis=1,
         )
         extra = len(layout.rows)
-        curvature = jnp.pad(curvature, ((0, 0), (0, extra), (0, extra)))
-        b = jnp.pad(b, ((0, 0), (0, 0), (0, extra)))
+        if curvature is not None:
+            curvature = jnp.pad(curvature, ((0, 0), (0, extra), (0, extra)))
+        b = jnp.concatenate([b, jnp.zeros((*b.shape[:2], extra), b.dtype)], axis=2)
     return StageSystem(hessian, curvature, lin.a, b, lin.rho)
 
 
-def row_softness(masks: Masks, point: Iterate, penalty: Array) -> Float[Array, "T K"]:
-    """`-d g / d mult` of each row with its slack eliminated."""
-    spare = jnp.where(masks.elastic, penalty - point.mult, 1.0)
-    softness = point.slack / jnp.where(masks.equality, 1.0, point.mult) + jnp.where(
-        masks.elastic, point.excess / spare, 0.0
-    )
-    return jnp.where(masks.equality, EQUALITY_REGULARISATION, softness)
-
-
-def dynamics_hessian(layout: Layout, point: Iterate, ev: Evaluation) -> Float[Array, "T w w"]:
-    """Second derivatives of `q_t' f(t, x_t, u_t)` by `(x_t, u_t)`; zero for linear dynamics.
+def dynamics_hessian(
+    layout: Layout, point: Iterate, ev: Evaluation
+) -> Float[Array, "T w w"] | None:
+    """Second derivatives of `q_t' f(t, x_t, u_t)` by `(x_t, u_t)`; None for linear dynamics.
 
     They are kept where `linearise` drops those of proximity: a car far from its goal has large
     costates, and without this term nothing tells the method how its controls act on the heading.
     """
-    shape = ev.lin.hessian.shape
     if all(p.dynamics.linear for p in layout.game.players):
-        return jnp.zeros(shape, ev.lin.hessian.dtype)
+        return None
 
     def stage(t, xp, u, q):
         def total(v):
@@ -223,169 +259,129 @@ def dynamics_hessian(layout: Layout, point: Iterate, ev: Evaluation) -> Float[Ar
 
         return jax.hessian(total)(jnp.concatenate([xp, u]))
 
-    stages = jnp.arange(1, shape[0] + 1)
+    stages = jnp.arange(1, layout.game.horizon + 1)
     return jax.vmap(stage)(stages, ev.lin.previous, point.u, ev.q)
-
-
-class Targets(NamedTuple):
-    """Right-hand sides of the complementarity rows: wanted change of `slack * multiplier`."""
-
-    low: Array
-    high: Array
-    rows: Array
-    excess: Array
-
-
-def targets(
-    masks: Masks,
-    point: Iterate,
-    penalty: Array,
-    barrier: Scalar,
-    affine: Iterate | None = None,
-    second_order: Scalar | float = 1.0,
-) -> Targets:
-    """`barrier - slack * multiplier`, less `second_order` parts of the predictor's product."""
-    low = barrier - point.slack_low * point.mult_low
-    high = barrier - point.slack_high * point.mult_high
-    rows = barrier - point.slack * point.mult
-    excess = barrier - point.excess * (penalty - point.mult)
-    if affine is not None:
-        low -= second_order * affine.slack_low * affine.mult_low
-        high -= second_order * affine.slack_high * affine.mult_high
-        rows -= second_order * affine.slack * affine.mult
-        excess += second_order * affine.excess * affine.mult
-    return Targets(
-        masks.low * low,
-        masks.high * high,
-        masks.inequality * rows,
-        jnp.where(masks.elastic, excess, 0.0),
-    )
 
 
 def direction(
     layout: Layout,
-    masks: Masks,
-    point: Iterate,
+    pairs: Pairs,
     ev: Evaluation,
     factor: Factor,
-    target: Targets,
+    eliminated: Eliminated,
+    linear: Linear,
 ) -> Iterate:
     """Solve for one right-hand side and recover slacks and multipliers."""
     lin, res, n = ev.lin, ev.residual, layout.n
-    spare = jnp.where(masks.elastic, lin.penalty - point.mult, 1.0)
-    wanted = (
-        jnp.where(masks.equality, 0.0, target.rows / jnp.where(masks.equality, 1.0, point.mult))
-        - jnp.where(masks.elastic, target.excess / spare, 0.0)
-        - res.rows
+    slope, own = split(layout, linear.slope), split(layout, linear.own)
+    target, known = split(layout, linear.target), eliminated.linear
+    # The constant parts of each pair's step, were nothing else to move.
+    low = target.low / own.low - known.low * res.low
+    high = target.high / own.high - known.high * res.high
+    excess = jnp.where(
+        pairs.elastic, target.excess / jnp.where(pairs.elastic, slope.excess, 1.0), 0.0
     )
-    shift = (
-        -(target.low - point.mult_low * res.low) / point.slack_low
-        + (target.high - point.mult_high * res.high) / point.slack_high
-    )
+    row = jnp.where(pairs.equality, 0.0, target.row / jnp.where(pairs.equality, 1.0, slope.row))
+    wanted = row - excess - res.rows
+    shift = high - low
     rest = jnp.concatenate([shift[:, n:] + res.stationarity, -wanted], axis=1)
-    dx, du = solve_stages(factor, shift[:, :n], rest, res.defect, jnp.zeros(n))
-    du, mult = du[:, : layout.m], du[:, layout.m :]
+    dx, du, mult = solve_stages(factor, shift[:, :n], rest, res.defect, jnp.zeros(n), layout.m)
     dw = jnp.concatenate([dx, du], axis=1)
-    slope = jnp.einsum("tka,ta->tk", lin.jacobian, dw)
-    slack_low = masks.low * (dw + res.low)
-    slack_high = masks.high * (res.high - dw)
-    excess = jnp.where(masks.elastic, (target.excess + point.excess * mult) / spare, 0.0)
-    return Iterate(
-        dx,
-        du,
-        slack_low,
-        slack_high,
-        (target.low - point.mult_low * slack_low) / point.slack_low,
-        (target.high - point.mult_high * slack_high) / point.slack_high,
-        masks.inequality * (slope + excess + res.rows),
+    exists = split(layout, pairs.exists)
+    excess = excess + known.excess * mult
+    reached = jnp.sum(lin.jacobian * dw[:, None, :], axis=2) + excess + res.rows
+    slack = Parts(
+        jnp.where(exists.low, dw + res.low, 0.0),
+        jnp.where(exists.high, res.high - dw, 0.0),
         excess,
+        jnp.where(pairs.equality, 0.0, reached),
+    )
+    mults = Parts(
+        low - known.low * dw,
+        high + known.high * dw,
+        jnp.where(pairs.elastic, -mult, 0.0),
         mult,
     )
+    return Iterate(dx, du, join(slack), join(mults))
 
 
 def step_lengths(
-    masks: Masks, point: Iterate, penalty: Array, step: Iterate, fraction: Scalar
+    pairs: Pairs, point: Iterate, step: Iterate, fraction: Scalar | float
 ) -> tuple[Scalar, Scalar]:
     """Largest primal and dual steps in (0, 1] that keep slacks and multipliers positive."""
 
-    def longest(value: Array, change: Array, mask: Array) -> Scalar:
-        limit = jnp.where(
-            (mask > 0) & (change < 0), -value / jnp.where(change < 0, change, -1), 1e9
-        )
-        return jnp.min(limit, initial=1e9)
+    def longest(value: Array, change: Array) -> Scalar:
+        # The fastest relative decrease; a quotient by the value needs no case for its sign.
+        rate = jnp.max(jnp.where(pairs.exists, -change / value, 0.0), initial=0.0)
+        return jnp.minimum(1.0, fraction / jnp.maximum(rate, 1e-9))
 
-    primal = jnp.stack(
-        [
-            longest(point.slack_low, step.slack_low, masks.low),
-            longest(point.slack_high, step.slack_high, masks.high),
-            longest(point.slack, step.slack, masks.inequality),
-            longest(point.excess, step.excess, masks.elastic),
-        ]
-    ).min()
-    dual = jnp.stack(
-        [
-            longest(point.mult_low, step.mult_low, masks.low),
-            longest(point.mult_high, step.mult_high, masks.high),
-            longest(point.mult, step.mult, masks.inequality),
-            longest(penalty - point.mult, -step.mult, masks.elastic),
-        ]
-    ).min()
-    return jnp.minimum(1.0, fraction * primal), jnp.minimum(1.0, fraction * dual)
+    return longest(point.slack, step.slack), longest(point.mult, step.mult)
 
 
 def advance(point: Iterate, step: Iterate, primal: Scalar, dual: Scalar) -> Iterate:
     """`point + length * step`, primal and dual parts with their own lengths."""
-    lengths = Iterate(primal, primal, primal, primal, dual, dual, primal, primal, dual)
+    lengths = Iterate(primal, primal, primal, dual)
     return Iterate(*(p + a * s for p, a, s in zip(point, lengths, step, strict=True)))
 
 
-def average_product(masks: Masks, point: Iterate, penalty: Array) -> Scalar:
-    """Mean of `slack * multiplier` over all inequalities (0 when there are none)."""
-    products = (
-        jnp.sum(masks.low * point.slack_low * point.mult_low)
-        + jnp.sum(masks.high * point.slack_high * point.mult_high)
-        + jnp.sum(masks.inequality * point.slack * point.mult)
-        + jnp.sum(jnp.where(masks.elastic, point.excess * (penalty - point.mult), 0.0))
-    )
-    horizon = point.x.shape[0]
-    count = (
-        jnp.sum(masks.low)
-        + jnp.sum(masks.high)
-        + horizon * (jnp.sum(masks.inequality) + jnp.sum(masks.elastic))
-    )
-    return products / jnp.maximum(count, 1.0)
+def average_product(pairs: Pairs, slack: Array, mult: Array) -> Scalar:
+    """Mean of `slack * multiplier` over all pairs (0 when there are none)."""
+    return jnp.sum(jnp.where(pairs.exists, slack * mult, 0.0)) / jnp.maximum(count(pairs), 1.0)
 
 
 def newton_step(
-    layout: Layout, masks: Masks, point: Iterate, ev: Evaluation, options: Options
+    layout: Layout,
+    pairs: Pairs,
+    point: Iterate,
+    ev: Evaluation,
+    options: Options,
+    local: Bool[Array, ""] | None,
 ) -> Iterate:
-    """The next point: Mehrotra's predictor, then its corrector."""
-    penalty = ev.lin.penalty
-    factor = factorise(stage_system(layout, masks, point, ev))
+    """The next point: Mehrotra's predictor, then its corrector; or one full local step.
 
-    def solve(target: Targets) -> Iterate:
-        return direction(layout, masks, point, ev, factor, target)
+    `local` None: there are no local steps in this program.
+    """
 
-    affine = solve(targets(masks, point, penalty, jnp.zeros(())))
-    primal, dual = step_lengths(masks, point, penalty, affine, jnp.ones(()))
-    average = average_product(masks, point, penalty)
-    predicted = average_product(masks, advance(point, affine, primal, dual), penalty)
-    sigma = jnp.clip(predicted / jnp.maximum(average, 1e-300), 0.0, 1.0) ** 3
-    # Complementarity must not run ahead of stationarity: on a path too narrow to follow the
-    # curvature of the others' constraints, steps are cut to nothing.
-    wide = jnp.minimum(average, 1e-2 * ev.error)
-    barrier = jnp.maximum(jnp.maximum(sigma * average, wide), options.barrier)
-    # At the end of the path plain Newton converges quadratically; the correction would not.
-    second_order = jnp.where(average > 10.0 * options.barrier, 1.0, 0.0)
-    step = solve(targets(masks, point, penalty, barrier, affine, second_order))
-    fraction = jnp.maximum(0.99, 1.0 - average)
-    primal, dual = step_lengths(masks, point, penalty, step, fraction)
-    return advance(point, step, primal, dual)
+    def on_path() -> Linear:
+        return on_the_path(pairs, point, jnp.zeros(()))
+
+    def beside_path() -> Linear:
+        return fischer_burmeister(pairs, point, options.barrier)
+
+    linear = on_path() if local is None else jax.lax.cond(local, beside_path, on_path)
+    eliminated = eliminate_pairs(layout, pairs, linear)
+    factor = factorise(stage_system(layout, point, ev, eliminated))
+    first = direction(layout, pairs, ev, factor, eliminated, linear)
+
+    def along_the_path() -> Iterate:
+        primal, dual = step_lengths(pairs, point, first, 1.0)
+        average = average_product(pairs, point.slack, point.mult)
+        predicted = average_product(
+            pairs, point.slack + primal * first.slack, point.mult + dual * first.mult
+        )
+        sigma = jnp.clip(predicted / jnp.maximum(average, 1e-300), 0.0, 1.0) ** 3
+        # Complementarity must not run ahead of stationarity: on a path too narrow to follow the
+        # curvature of the others' constraints, steps are cut to nothing.
+        wide = jnp.minimum(average, 1e-2 * ev.error)
+        barrier = jnp.maximum(jnp.maximum(sigma * average, wide), options.barrier)
+        # At the end of the path plain Newton converges quadratically; the correction would not.
+        second_order = jnp.where(average > 10.0 * options.barrier, 1.0, 0.0)
+        wanted = barrier - second_order * first.slack * first.mult
+        target = on_the_path(pairs, point, wanted)
+        step = direction(layout, pairs, ev, factor, eliminated, target)
+        fraction = jnp.maximum(0.99, 1.0 - average)
+        primal, dual = step_lengths(pairs, point, step, fraction)
+        return advance(point, step, primal, dual)
+
+    if local is None:
+        return along_the_path()
+    one = jnp.ones(())
+    return jax.lax.cond(local, lambda: advance(point, first, one, one), along_the_path)
 
 
 def is_finite(point: Iterate, ev: Evaluation) -> Bool[Array, ""]:
     """Whether nothing overflowed."""
-    return jnp.stack([jnp.all(jnp.isfinite(v)) for v in (ev.error, *point)]).all()
+    return jnp.isfinite(ev.error + ev.complementarity + jnp.sum(point.x) + jnp.sum(point.u))
 
 
 def hopeless(point: Iterate, ev: Evaluation) -> Bool[Array, ""]:
@@ -399,18 +395,23 @@ def iterate(
     start: Iterate,
     options: Options,
     exact_below: Scalar | float,
+    local: Bool[Array, ""] | None,
 ) -> tuple[Iterate, Evaluation, Int[Array, ""]]:
     """Run the method from `start`; the caller reads success off the evaluation's errors.
 
     The point is the last finite one; the error is infinite where the next one was not finite.
     """
-    masks = masks_of(layout)
+    pairs = pairs_of(layout)
+    limit = jnp.asarray(options.max_iterations)
+    if local is not None:
+        limit = jnp.where(local, options.local_steps, limit)
+        exact_below = jnp.where(local, jnp.inf, exact_below)
 
     def body(loop: Loop) -> Loop:
-        point = newton_step(layout, masks, loop.point, loop.evaluation, options)
+        point = newton_step(layout, pairs, loop.point, loop.evaluation, options, local)
         # The next linearisation's curvature is chosen by the present error: one evaluation a step.
         convexity = jnp.where(loop.evaluation.error < exact_below, 0.0, 1.0)
-        ev = evaluate(layout, masks, point, parameters, convexity, options)
+        ev = evaluate(layout, pairs, point, parameters, convexity, options)
         finite = is_finite(point, ev)
         # A step that overflowed is not taken: what is returned says how far the method came.
         point, ev = jax.tree.map(
@@ -425,35 +426,13 @@ def iterate(
             ~converged(loop.evaluation, options)
             & ~hopeless(loop.point, loop.evaluation)
             & loop.finite
-            & (loop.iteration < options.max_iterations)
+            & (loop.iteration < limit)
         )
 
-    first = evaluate(layout, masks, start, parameters, jnp.ones(()), options)
+    convexity = jnp.where(exact_below == jnp.inf, 0.0, 1.0)
+    first = evaluate(layout, pairs, start, parameters, convexity, options)
     loop = jax.lax.while_loop(
-        unfinished, body, Loop(start, first, jnp.zeros((), int), jnp.isfinite(first.error))
+        unfinished, body, Loop(start, first, jnp.zeros((), int), is_finite(start, first))
     )
     error = jnp.where(loop.finite, loop.evaluation.error, jnp.inf)
     return loop.point, loop.evaluation._replace(error=error), loop.iteration
-
-
-def start_point(
-    layout: Layout, parameters: Parameters, x: Array, u: Array, options: Options
-) -> Iterate:
-    """Cold start around a trajectory: positive slacks and multipliers on the central path."""
-    masks = masks_of(layout)
-    w = jnp.concatenate([x, u], axis=1)
-    penalty = layout.penalties(parameters.theta).astype(x.dtype)
-    stages = jnp.arange(1, layout.game.horizon + 1)
-    values = jax.vmap(lambda t, v: layout.constraint_values(t, v, parameters.theta))(stages, w)
-    barrier = options.start_barrier
-
-    def pair(gap: Array, mask: Array) -> tuple[Array, Array]:
-        slack = jnp.where(mask > 0, jnp.maximum(gap, 0.1), 1.0)
-        return slack, mask * barrier / slack
-
-    slack_low, mult_low = pair(w - masks.lower, masks.low)
-    slack_high, mult_high = pair(masks.upper - w, masks.high)
-    slack, mult = pair(values, jnp.broadcast_to(masks.inequality, values.shape))
-    mult = jnp.where(masks.elastic, jnp.minimum(mult, 0.5 * penalty), mult)
-    excess = jnp.where(masks.elastic, barrier / jnp.where(masks.elastic, penalty - mult, 1.0), 0.0)
-    return Iterate(x, u, slack_low, slack_high, mult_low, mult_high, slack, excess, mult)

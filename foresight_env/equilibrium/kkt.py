@@ -20,6 +20,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from foresight_env.equilibrium.layout import Layout
+from foresight_env.equilibrium.pairs import split
 from foresight_env.equilibrium.recursion import affine_recursion
 from foresight_env.games.costs import Composite
 from foresight_env.games.types import AnyArray, CostFunction, Scalar, Theta
@@ -37,21 +38,14 @@ class Parameters(NamedTuple):
 
 
 class Iterate(NamedTuple):
-    """Unknowns of the mixed complementarity problem.
+    """Unknowns of the mixed complementarity problem; columns of pairs as in module `pairs`."""
 
-    Bounds: `lower - slack` pairs per entry of `w` (masked where infinite). Rows: the stage
-    constraints of `Layout.rows`; `excess` is the violation that elastic rows pay for.
-    """
-
-    x: Float[Array, "T n"]
-    u: Float[Array, "T m"]
-    slack_low: Float[Array, "T w"]
-    slack_high: Float[Array, "T w"]
-    mult_low: Float[Array, "T w"]
-    mult_high: Float[Array, "T w"]
-    slack: Float[Array, "T K"]
-    excess: Float[Array, "T K"]
-    mult: Float[Array, "T K"]
+    x: Float[AnyArray, "T n"]
+    """States that stages lead to, x_2 to x_{T+1}."""
+    u: Float[AnyArray, "T m"]
+    slack: Float[AnyArray, "T P"]
+    mult: Float[AnyArray, "T P"]
+    """In units of each player's stage cost at t; the last columns are those of constraint rows."""
 
 
 class Linearisation(NamedTuple):
@@ -146,6 +140,7 @@ def linearise(
     undiscounted = jnp.exp(-jnp.cumsum(jnp.log(jnp.maximum(ratios, 1e-300)), axis=0))
     rho = ratios[:, layout.state_owner]
     penalty = layout.penalties(theta).astype(point.x.dtype)
+    mult = split(layout, point.mult)
     previous = jnp.concatenate([parameters.x0[None], point.x[:-1]])
     w = jnp.concatenate([point.x, point.u], axis=1)
 
@@ -167,17 +162,10 @@ def linearise(
     def pseudo_gradient(w, t, at, scale, mult, row_share):
         x_parts, u_parts = [], []
         for i in range(len(game.players)):
-            sx = layout.state_slices[i]
-            su = slice(
-                layout.n + layout.control_slices[i].start, layout.n + layout.control_slices[i].stop
-            )
-
-            def own(wx, wu, i=i, sx=sx, su=su):
-                return lagrangian(i, t, w.at[sx].set(wx).at[su].set(wu), at, scale, mult, row_share)
-
-            gx, gu = jax.grad(own, argnums=(0, 1))(w[sx], w[su])
-            x_parts.append(gx)
-            u_parts.append(gu)
+            slope = jax.grad(lagrangian, argnums=2)(i, t, w, at, scale, mult, row_share)
+            x_part, u_part = layout.split(slope)
+            x_parts.append(x_part[i])
+            u_parts.append(u_part[i])
         gradient = jnp.concatenate([*x_parts, *u_parts])
         return gradient, gradient
 
@@ -203,9 +191,9 @@ def linearise(
         return gradient, hessian, a, b, defect, values, jacobian
 
     gradient, hessian, a, b, defect, values, jacobian = jax.vmap(stage)(
-        stages, w, previous, undiscounted, point.mult, share
+        stages, w, previous, undiscounted, mult.row, share
     )
-    gradient = gradient - point.mult_low + point.mult_high
+    gradient = gradient - mult.low + mult.high
     return Linearisation(
         gradient, hessian, a, b, defect, rho, values, jacobian, share, penalty, previous
     )

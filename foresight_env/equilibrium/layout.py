@@ -114,6 +114,11 @@ class Layout:
         """(K,) rows that must be zero."""
         return np.array([r.kind == "equality" for r in self.rows], dtype=bool)
 
+    @cached_property
+    def pair_count(self) -> int:
+        """Columns of slacks and multipliers; module `pairs` says what they hold."""
+        return 2 * (self.n + self.m + len(self.rows))
+
     def constraint_values(
         self, t: Array, w: Float[Array, "w"], thetas: tuple[Theta, ...]
     ) -> Float[Array, "K"]:

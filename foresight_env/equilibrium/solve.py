@@ -7,8 +7,9 @@ joint first-order conditions; `verify` tells whether it is a local equilibrium.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
-from functools import partial
+from enum import IntEnum
+from functools import lru_cache, partial
+from itertools import accumulate
 from typing import Any, NamedTuple
 
 import jax
@@ -16,21 +17,17 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from foresight_env.equilibrium.implicit import Equilibrium, cold_start, equilibrium, rollout
-from foresight_env.equilibrium.interior_point import (
-    VIOLATED,
-    Options,
-    largest_multiplier,
-    masks_of,
-    start_point,
-)
+from foresight_env.equilibrium.implicit import Equilibrium, equilibrium
+from foresight_env.equilibrium.interior_point import VIOLATED, Options, largest_multiplier
 from foresight_env.equilibrium.kkt import Iterate, Parameters
 from foresight_env.equilibrium.layout import Layout, layout_of
+from foresight_env.equilibrium.pairs import pairs_of
+from foresight_env.equilibrium.start import Start, begin, from_controls
 from foresight_env.equilibrium.status import SolveError, Status
 from foresight_env.equilibrium.validation import BOUND_SLACK, check_parameters
 from foresight_env.games.game import Game
 from foresight_env.games.types import AnyArray, Scalar, Theta
-from foresight_env.precision import call_in_double, is_traced, to_double, to_numpy
+from foresight_env.precision import call_in_double, is_traced, to_double
 
 
 class Solution(NamedTuple):
@@ -59,20 +56,10 @@ WEAK_COMPLEMENTARITY = 1e-3
 """Margin below which derivatives are smoothed across a change of the active set."""
 
 
-def complementarity_margin(layout: Layout, point: Iterate, penalty: Float[AnyArray, "K"]) -> Scalar:
-    """`min max(slack, multiplier)` over bounds and rows, both sides of elastic ones."""
-    masks = masks_of(layout)
-    pairs = (
-        (masks.low, point.slack_low, point.mult_low),
-        (masks.high, point.slack_high, point.mult_high),
-        (jnp.broadcast_to(masks.inequality, point.slack.shape), point.slack, point.mult),
-        (jnp.broadcast_to(masks.elastic, point.slack.shape), point.excess, penalty - point.mult),
-    )
-    each = [
-        jnp.min(jnp.where(mask > 0, jnp.maximum(slack, mult), jnp.inf), initial=jnp.inf)
-        for mask, slack, mult in pairs
-    ]
-    return jnp.min(jnp.stack(each))
+def complementarity_margin(layout: Layout, point: Iterate) -> Scalar:
+    """`min max(slack, multiplier)` over all pairs."""
+    larger = jnp.maximum(point.slack, point.mult)
+    return jnp.min(jnp.where(pairs_of(layout).exists, larger, jnp.inf), initial=jnp.inf)
 
 
 def _status(layout: Layout, raw: Equilibrium, parameters: Parameters) -> Int[Array, ""]:
@@ -102,82 +89,94 @@ def to_solution(layout: Layout, raw: Equilibrium, parameters: Parameters) -> Sol
         _status(layout, raw, parameters),
         jnp.maximum(raw.error, raw.complementarity),
         raw.iterations,
-        complementarity_margin(layout, raw.point, layout.penalties(parameters.theta)),
+        complementarity_margin(layout, raw.point),
         raw.point,
     )
 
 
-def begin(
-    layout: Layout, options: Options, parameters: Parameters, start: Iterate | AnyArray | None
-) -> Iterate:
-    """Where a solve starts: cold (None), controls (T, m), or a similar game's iterate (warm)."""
-    if start is None:
-        return cold_start(layout, options, parameters)
-    if isinstance(start, Iterate):
-        return warm_start(layout, parameters, start, options)
-    controls = jnp.asarray(start)
-    states = rollout(layout, parameters.x0, controls)
-    return start_point(layout, parameters, states, controls, options)
+class Kind(IntEnum):
+    """What a concrete call starts from; one compiled program serves all of them."""
 
-
-# Starts are compiled apart from the solve, so that cold and warm ones share its one program.
-_begin_jit = jax.jit(begin, static_argnums=(0, 1))
-
-
-def solve_joint(
-    layout: Layout, options: Options, parameters: Parameters, start: Iterate | AnyArray | None
-) -> Equilibrium:
-    """Solve on joint arrays, double precision taken for granted: the part that others compose."""
-    return equilibrium(layout, options, parameters, begin(layout, options, parameters, start))
+    COLD = 0
+    CONTROLS = 1
+    SOLUTION = 2
 
 
 @partial(jax.jit, static_argnums=(0, 1))
-def _solve_jit(
-    layout: Layout, options: Options, parameters: Parameters, first: Iterate
-) -> Solution:
-    return to_solution(layout, equilibrium(layout, options, parameters, first), parameters)
+def _solve_packed(
+    layout: Layout, options: Options, parameters: Parameters, point: Iterate, kind: Array
+) -> Float[Array, "packed"]:
+    """All of a `Solution` in one vector: handing over one array takes a tenth of the time of many."""
+
+    def cold() -> Iterate:
+        return from_controls(layout, options, parameters, jnp.zeros_like(point.u))
+
+    def controls() -> Iterate:
+        return from_controls(layout, options, parameters, point.u)
+
+    first = jax.lax.switch(kind, (cold, controls, lambda: point))
+    start = Start(first, kind == Kind.SOLUTION)
+    found = to_solution(layout, equilibrium(layout, options, parameters, start), parameters)
+    states = jnp.concatenate(found.states, axis=1)
+    numbers = [jnp.asarray(v, float) for v in (found.status, found.iterations)]
+    parts = (states, *found.point[1:], *numbers, found.residual, found.margin)
+    return jnp.concatenate([jnp.ravel(v) for v in parts])
 
 
-def _solve_from(
-    layout: Layout, options: Options, parameters: Parameters, start: Iterate | AnyArray | None
-) -> Solution:
-    return _solve_jit(layout, options, parameters, _begin_jit(layout, options, parameters, start))
-
-
-WARM_BARRIER = 1e-4
-"""Complementarity product to which a warm start backs off: at the solution's own product the path
-is too narrow to follow a change of parameters."""
-
-
-def warm_start(layout: Layout, parameters: Parameters, point: Iterate, options: Options) -> Iterate:
-    """A start near another game's solution: its trajectory and multipliers, off the boundary."""
-    near = replace(options, start_barrier=WARM_BARRIER)
-    fresh = start_point(layout, parameters, point.x, point.u, near)
-    masks = masks_of(layout)
-    penalty = layout.penalties(parameters.theta).astype(point.x.dtype)
-    floor = np.sqrt(WARM_BARRIER)
-
-    def pair(slack: Array, mult: Array, mask: Array) -> tuple[Array, Array]:
-        slack = jnp.where(
-            mask > 0, jnp.maximum(slack, WARM_BARRIER / jnp.maximum(mult, floor)), 1.0
-        )
-        return slack, jnp.where(mask > 0, jnp.maximum(mult, WARM_BARRIER / slack), 0.0)
-
-    slack_low, mult_low = pair(point.slack_low, point.mult_low, masks.low)
-    slack_high, mult_high = pair(point.slack_high, point.mult_high, masks.high)
-    inequality = jnp.broadcast_to(masks.inequality, point.slack.shape)
-    slack, mult = pair(point.slack, point.mult, inequality)
-    mult = jnp.where(masks.equality, point.mult, mult)
-    capped = jnp.clip(mult, 1e-3 * penalty, (1.0 - 1e-3) * penalty)
-    mult = jnp.where(masks.elastic, capped, mult)
-    excess = jnp.where(
-        masks.elastic,
-        jnp.maximum(point.excess, WARM_BARRIER / jnp.where(masks.elastic, penalty - mult, 1.0)),
-        0.0,
+def _unpack(layout: Layout, packed: np.ndarray) -> Solution:
+    horizon = layout.game.horizon
+    sizes = (layout.n, layout.m, layout.pair_count, layout.pair_count)
+    widths = [horizon * size for size in sizes]
+    widths[0] += layout.n
+    ends = list(accumulate(widths))
+    states, u, slack, mult = (
+        packed[end - width : end].reshape(-1, size)
+        for end, width, size in zip(ends, widths, sizes, strict=True)
     )
-    return Iterate(
-        fresh.x, fresh.u, slack_low, slack_high, mult_low, mult_high, slack, excess, mult
+    status, iterations, residual, margin = packed[ends[-1] :, None]
+    return Solution(
+        tuple(states[:, s] for s in layout.state_slices),
+        tuple(u[:, s] for s in layout.control_slices),
+        status.astype(int).reshape(()),
+        residual.reshape(()),
+        iterations.astype(int).reshape(()),
+        margin.reshape(()),
+        Iterate(states[1:], u, slack, mult),
     )
+
+
+@lru_cache(maxsize=256)
+def _blank(layout: Layout) -> Iterate:
+    """Stands in for the point that a cold start does not read."""
+    sizes = (layout.n, layout.m, layout.pair_count, layout.pair_count)
+    return Iterate(*(np.zeros((layout.game.horizon, size)) for size in sizes))
+
+
+def _solve_concrete(
+    layout: Layout, options: Options, parameters: Parameters, guess: Iterate | AnyArray | None
+) -> Solution:
+    kind, point = Kind.COLD, _blank(layout)
+    if isinstance(guess, Iterate):
+        kind, point = Kind.SOLUTION, guess
+    elif guess is not None:
+        kind, point = Kind.CONTROLS, point._replace(u=np.asarray(guess, dtype=float))
+    packed = _solve_packed(layout, options, parameters, point, np.asarray(int(kind)))
+    return _unpack(layout, np.asarray(packed))
+
+
+def solve_joint(
+    layout: Layout, options: Options, parameters: Parameters, start: Start
+) -> Equilibrium:
+    """Solve on joint arrays, double precision taken for granted: the part that others compose."""
+    return equilibrium(layout, options, parameters, start)
+
+
+@partial(jax.jit, static_argnums=(0, 1))
+def _solve_traced(
+    layout: Layout, options: Options, parameters: Parameters, guess: Iterate | AnyArray | None
+) -> Solution:
+    start = begin(layout, options, parameters, guess)
+    return to_solution(layout, equilibrium(layout, options, parameters, start), parameters)
 
 
 def shift(solution: Solution) -> Solution:
@@ -230,14 +229,14 @@ def solve(
     start = check_guess(layout, guess)
     if not is_traced(parameters, start):
         with jax.enable_x64(True):
-            result: Solution = to_numpy(_solve_from(layout, options, parameters, start))
+            result = _solve_concrete(layout, options, parameters, start)
         if throw and int(result.status) != Status.SOLVED:
             raise SolveError(Status(int(result.status)), float(result.residual))
         return result
     start = jax.tree.map(jax.lax.stop_gradient, start)
     if jnp.result_type(float) == jnp.float64:  # the caller traces in double precision
-        return _solve_from(layout, options, to_double(parameters), to_double(start))
-    return call_in_double(lambda p: _solve_from(layout, options, *p), (parameters, start))
+        return _solve_traced(layout, options, to_double(parameters), to_double(start))
+    return call_in_double(lambda p: _solve_traced(layout, options, *p), (parameters, start))
 
 
 def check_guess(layout: Layout, guess: Any) -> Iterate | AnyArray | None:

@@ -17,15 +17,12 @@ from jaxtyping import Array, Bool, Float
 
 from foresight_env.equilibrium.best_response import best_response_game, best_response_theta
 from foresight_env.equilibrium.implicit import Equilibrium
-from foresight_env.equilibrium.interior_point import (
-    Options,
-    dynamics_hessian,
-    evaluate,
-    masks_of,
-)
+from foresight_env.equilibrium.interior_point import Options, dynamics_hessian, evaluate
 from foresight_env.equilibrium.kkt import Iterate, Parameters, discount_ratios, row_shares
 from foresight_env.equilibrium.layout import Layout, layout_of
+from foresight_env.equilibrium.pairs import Parts, join, pairs_of, split
 from foresight_env.equilibrium.solve import Solution, solve_joint
+from foresight_env.equilibrium.start import Start, begin
 from foresight_env.equilibrium.status import Status
 from foresight_env.equilibrium.validation import check_parameters
 from foresight_env.games.game import Game
@@ -69,8 +66,8 @@ def player_cost(
 
 def _curvature(layout: Layout, options: Options, parameters: Parameters, point: Iterate) -> Scalar:
     """Smallest eigenvalue of a one-player game's reduced Hessian, in current-value scaling."""
-    masks, exact = masks_of(layout), jnp.zeros(())
-    ev = evaluate(layout, masks, point, parameters, exact, options)
+    pairs, exact = pairs_of(layout), jnp.zeros(())
+    ev = evaluate(layout, pairs, point, parameters, exact, options)
     lin, n, m, horizon = ev.lin, layout.n, layout.m, layout.game.horizon
     curve = dynamics_hessian(layout, point, ev)
 
@@ -86,19 +83,17 @@ def _curvature(layout: Layout, options: Options, parameters: Parameters, point: 
     stages = jnp.arange(horizon)
     _, (at_next, at_now) = jax.lax.scan(step, zero, (stages, lin.a, lin.b, lin.rho))
     hessian = jnp.einsum("tak,tab,tbl->kl", at_next, lin.hessian, at_next)
-    hessian += jnp.einsum("tak,tab,tbl->kl", at_now, curve, at_now)
+    if curve is not None:
+        hessian += jnp.einsum("tak,tab,tbl->kl", at_now, curve, at_now)
     scale = jnp.maximum(jnp.max(jnp.abs(hessian)), 1.0)
 
-    def stiff(slack: Array, mult: Array, mask: Array) -> Array:
-        return jnp.where((mask > 0) & (mult > slack), 1e4 * scale, 0.0)
-
-    bounds = stiff(point.slack_low, point.mult_low, masks.low) + stiff(
-        point.slack_high, point.mult_high, masks.high
-    )
+    active = split(layout, pairs.exists & (point.mult > point.slack))
+    bounds = jnp.where(active.low, 1e4 * scale, 0.0) + jnp.where(active.high, 1e4 * scale, 0.0)
     hessian += jnp.einsum("tak,ta,tal->kl", at_next, bounds, at_next)
-    spare = lin.penalty - point.mult
-    active = (point.mult > point.slack) & (~masks.elastic | (spare > point.excess))
-    rows = jnp.where(active | masks.equality, 1e4 * scale, 0.0)
+    # An elastic row holds like a hard one until its whole penalty is paid.
+    whole = pairs.elastic & ~active.excess
+    held = (active.row & ~whole) | pairs.equality
+    rows = jnp.where(held, 1e4 * scale, 0.0)
     normals = jnp.einsum("tka,tal->tkl", lin.jacobian, at_next)
     hessian += jnp.einsum("tkl,tk,tkj->lj", normals, rows, normals)
     return jnp.linalg.eigvalsh(0.5 * (hessian + hessian.T))[0]
@@ -114,18 +109,15 @@ def restricted(layout: Layout, i: int, point: Iterate, parameters: Parameters) -
     shared = [k for k in rows if layout.rows[k].player == -1]
     order = jnp.asarray([*private, *shared, *equal], int)
     sx, su = layout.state_slices[i], layout.control_slices[i]
-    w, k = (lambda v: v[:, mine]), (lambda v: v[:, order])
-    return Iterate(
-        point.x[:, sx],
-        point.u[:, su],
-        w(point.slack_low),
-        w(point.slack_high),
-        w(point.mult_low),
-        w(point.mult_high),
-        k(point.slack),
-        k(point.excess),
-        k(point.mult * share[:, :, layout.state_slices[i].start]),
-    )
+
+    def own(values: Array) -> Array:
+        parts = split(layout, values)
+        bounds, of_rows = (p[:, mine] for p in parts[:2]), (p[:, order] for p in parts[2:])
+        return join(Parts(*bounds, *of_rows))
+
+    mult = split(layout, point.mult)
+    felt = mult._replace(row=mult.row * share[:, :, sx.start])
+    return Iterate(point.x[:, sx], point.u[:, su], own(point.slack), own(join(felt)))
 
 
 @partial(jax.jit, static_argnums=(0, 1))
@@ -150,8 +142,9 @@ def _verify(
         nudged = own._replace(
             u=own.u + 1e-3 * jnp.sin(1.0 + jnp.arange(own.u.size)).reshape(own.u.shape)
         )
-        gaps.append(gain(solve_joint(alone, options, mine, nudged)))
-        colds.append(gain(solve_joint(alone, options, mine, None)))
+        near = Start(nudged, jnp.ones((), bool))
+        gaps.append(gain(solve_joint(alone, options, mine, near)))
+        colds.append(gain(solve_joint(alone, options, mine, begin(alone, options, mine, None))))
         curvatures.append(_curvature(alone, options, mine, own))
         costs.append(here)
     gap, curvature = jnp.stack(gaps), jnp.stack(curvatures)

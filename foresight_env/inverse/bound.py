@@ -15,6 +15,7 @@ from foresight_env.equilibrium.interior_point import Options
 from foresight_env.equilibrium.kkt import Parameters
 from foresight_env.equilibrium.layout import layout_of
 from foresight_env.equilibrium.solve import solve_joint
+from foresight_env.equilibrium.start import begin
 from foresight_env.equilibrium.status import SolveError, Status
 from foresight_env.equilibrium.validation import check_parameters
 from foresight_env.games.game import Game
@@ -41,7 +42,8 @@ def _jacobians(
     problem: Problem, count: int, parameters: Parameters
 ) -> tuple[Array, Array, Array, Array]:
     values = problem.coordinates.pack(parameters)
-    result = solve_joint(problem.layout, problem.options, parameters, None)
+    start = begin(problem.layout, problem.options, parameters, None)
+    result = solve_joint(problem.layout, problem.options, parameters, start)
     first, rest = solution_jacobian(problem, result, parameters, values)
 
     def along(dx0: Array, dx: Array) -> Array:

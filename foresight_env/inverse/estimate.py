@@ -13,11 +13,12 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 from scipy.stats import qmc
 
-from foresight_env.equilibrium.implicit import Equilibrium, rollout
-from foresight_env.equilibrium.interior_point import Options, start_point
+from foresight_env.equilibrium.implicit import Equilibrium
+from foresight_env.equilibrium.interior_point import Options
 from foresight_env.equilibrium.kkt import Iterate, Parameters
 from foresight_env.equilibrium.layout import Layout, layout_of
 from foresight_env.equilibrium.solve import Solution, check_guess, to_solution
+from foresight_env.equilibrium.start import Start, from_controls
 from foresight_env.equilibrium.status import Status
 from foresight_env.equilibrium.validation import check_parameters
 from foresight_env.games.game import Game
@@ -181,9 +182,7 @@ def check_observations(
 
 @partial(jax.jit, static_argnums=0)
 def _tracked(problem: Problem, data: Data, base: Parameters) -> Iterate:
-    u = track(problem, data, base)
-    x = rollout(problem.layout, base.x0, u)
-    return start_point(problem.layout, base, x, u, problem.options)
+    return from_controls(problem.layout, problem.options, base, track(problem, data, base))
 
 
 MOST_STARTS = 16
@@ -198,7 +197,7 @@ def _run(
     base: Parameters,
     starts: Float[Array, "S p"],
     count: Int[Array, ""],
-    begin: Iterate,
+    begin: Start,
 ) -> tuple[Fit, Int[Array, ""], Float[Array, "S"]]:
     """The best local fit of up to `count` starts, one after the other.
 
@@ -334,8 +333,9 @@ def estimate(
         initial = starts.spread(begin, coordinates.is_gamma & chosen)
         padded = np.pad(initial, ((0, MOST_STARTS - len(initial)), (0, 0)), mode="edge")
         point = _tracked(problem, data, parameters) if warm is None else warm
+        start = Start(point, np.asarray(warm is not None))
         fit, count, costs = _run(
-            problem, method, data, parameters, padded, np.asarray(len(initial)), point
+            problem, method, data, parameters, padded, np.asarray(len(initial)), start
         )
         found, solution, spread, determined, rates = to_numpy(
             _finish(problem, data, parameters, fit)

@@ -18,6 +18,7 @@ from foresight_env.equilibrium.interior_point import Options
 from foresight_env.equilibrium.kkt import Iterate, Parameters
 from foresight_env.equilibrium.layout import Layout
 from foresight_env.equilibrium.solve import solve_joint
+from foresight_env.equilibrium.start import Start
 from foresight_env.games.observations import ObservationModel
 from foresight_env.games.types import AnyArray, Scalar
 from foresight_env.inverse.coordinates import Coordinates
@@ -85,7 +86,7 @@ def evaluate_fit(
     data: Data,
     base: Parameters,
     values: Float[Array, "p"],
-    start: Iterate,
+    start: Start,
 ) -> Fit:
     """Solve the game at `values` (from `start`) and differentiate the residuals."""
     parameters = problem.coordinates.unpack(values, base)
@@ -100,13 +101,13 @@ def evaluate_fit(
 
 
 def unevaluated(
-    problem: Problem, data: Data, base: Parameters, values: Float[Array, "p"], start: Iterate
+    problem: Problem, data: Data, base: Parameters, values: Float[Array, "p"], start: Start
 ) -> Fit:
     """A fit of infinite cost at `start`, from which loops begin."""
     shapes = jax.eval_shape(lambda v, s: evaluate_fit(problem, data, base, v, s), values, start)
     blank = jax.tree.map(lambda v: jnp.zeros(v.shape, v.dtype), shapes)
     infinite = jnp.asarray(jnp.inf)
-    return blank._replace(values=values, cost=infinite, error=infinite, point=start)
+    return blank._replace(values=values, cost=infinite, error=infinite, point=start.point)
 
 
 def solution_jacobian(

@@ -13,7 +13,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from foresight_env.equilibrium.kkt import Iterate, Parameters
+from foresight_env.equilibrium.kkt import Parameters
+from foresight_env.equilibrium.start import Start
 from foresight_env.games.types import AnyArray, Scalar
 from foresight_env.inverse.fit import (
     Data,
@@ -50,7 +51,7 @@ class GaussNewton:
         data: Data,
         base: Parameters,
         values: Float[Array, "p"],
-        start: Iterate,
+        start: Start,
     ) -> tuple[Fit, Int[Array, ""]]:
         """Improve `values`; returns the best fit and the number of forward solves."""
         low, high = limits(problem, data)
@@ -60,7 +61,8 @@ class GaussNewton:
 
         def body(state: _State) -> _State:
             fit = state.fit
-            trial = evaluate_fit(problem, data, base, state.trial, extrapolated(fit, state.trial))
+            near = Start(extrapolated(fit, state.trial), start.near | (state.solves > 0))
+            trial = evaluate_fit(problem, data, base, state.trial, near)
             better = trial.success & (trial.cost < fit.cost)
             gain = fit.cost - trial.cost
             still = jnp.max(jnp.abs(state.trial - fit.values)) <= self.step_tolerance

@@ -8,7 +8,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from foresight_env.equilibrium.kkt import Iterate, Parameters
+from foresight_env.equilibrium.kkt import Parameters
+from foresight_env.equilibrium.start import Start
 from foresight_env.inverse.fit import Data, Fit, Problem, evaluate_fit, limits, unevaluated
 
 
@@ -28,7 +29,7 @@ class GradientDescent:
         data: Data,
         base: Parameters,
         values: Float[Array, "p"],
-        start: Iterate,
+        start: Start,
     ) -> tuple[Fit, Int[Array, ""]]:
         """Descend from `values`; returns the last fit and the number of forward solves."""
         low, high = limits(problem, data)
@@ -40,7 +41,9 @@ class GradientDescent:
 
         def body(state):
             fit, values, count, _ = state
-            trial = evaluate_fit(problem, data, base, values, fit.point)
+            trial = evaluate_fit(
+                problem, data, base, values, Start(fit.point, start.near | (count > 0))
+            )
             chosen = jax.tree.map(lambda new, old: jnp.where(trial.success, new, old), trial, fit)
             gradient = 2.0 * trial.jacobian.T @ trial.residual
             following = jnp.clip(values - self.learning_rate * gradient, low, high)

@@ -18,6 +18,7 @@ from foresight_env.equilibrium.interior_point import Options
 from foresight_env.equilibrium.kkt import Parameters
 from foresight_env.equilibrium.layout import layout_of
 from foresight_env.equilibrium.solve import solve_joint
+from foresight_env.equilibrium.start import begin
 from foresight_env.games.costs import Effort
 from foresight_env.games.game import Game
 from foresight_env.games.observations import ObservationModel
@@ -69,6 +70,8 @@ def track(problem: Problem, data: Data, parameters: Parameters) -> Float[Array, 
     }
     everyone = len(game.players)
     same = Parameters(parameters.x0, (theta,) * everyone, jnp.ones(everyone))
-    found: Equilibrium = solve_joint(layout, Options(tolerance=1e-4, barrier=1e-4), same, None)
+    loose = Options(tolerance=1e-4, barrier=1e-4)
+    start = begin(layout, loose, same, None)
+    found: Equilibrium = solve_joint(layout, loose, same, start)
     usable = jnp.isfinite(found.error)
     return jnp.where(usable, found.point.u, jnp.zeros((game.horizon, layout.m)))

@@ -11,9 +11,10 @@ from small_games import CROSSING_STATES, crossing, crossing_theta
 
 from foresight_env.equilibrium import Options, Status, solve, verify
 from foresight_env.equilibrium.best_response import best_response_game, best_response_theta
-from foresight_env.equilibrium.interior_point import evaluate, masks_of
+from foresight_env.equilibrium.interior_point import evaluate
 from foresight_env.equilibrium.kkt import Parameters
 from foresight_env.equilibrium.layout import layout_of
+from foresight_env.equilibrium.pairs import pairs_of, split
 from foresight_env.equilibrium.validation import check_parameters
 from foresight_env.equilibrium.verify import restricted
 from foresight_env.games import DoubleIntegrator, Effort, Game, Player
@@ -40,7 +41,8 @@ def test_common_multipliers_are_each_players_own_share():
     game = crossing("hard", multiplier="common")
     found = solve(game, CROSSING_STATES, crossing_theta(), [0.95, 0.5])
     assert found.status == Status.SOLVED
-    assert found.point.mult.max() > 1e-2  # the constraint is felt
+    # The constraint is felt.
+    assert split(layout_of(game), found.point.mult).row.max() > 1e-2
     checked = verify(game, found, crossing_theta(), [0.95, 0.5])
     assert checked.is_local_equilibrium
     layout = layout_of(game)
@@ -56,7 +58,7 @@ def test_common_multipliers_are_each_players_own_share():
                 parameters.x0[layout.state_slices[i]], (theta,), parameters.gamma[i : i + 1]
             )
             own = restricted(layout, i, point, parameters)
-            at = evaluate(alone, masks_of(alone), own, mine, jnp.zeros(()), Options())
+            at = evaluate(alone, pairs_of(alone), own, mine, jnp.zeros(()), Options())
             assert at.error < 1e-7
 
 

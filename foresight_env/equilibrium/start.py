@@ -1,0 +1,167 @@
+"""Where a solve begins: cold, from controls, or from the solution of a similar game."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from foresight_env.equilibrium.interior_point import Options
+from foresight_env.equilibrium.kkt import Iterate, Parameters
+from foresight_env.equilibrium.layout import Layout
+from foresight_env.equilibrium.pairs import Parts, distances_to_bounds, join, pairs_of, split
+from foresight_env.games.types import AnyArray
+
+WARM_BARRIER = 1e-4
+"""Complementarity product to which a start from a solution backs off before the path is followed: at
+the solution's own product it is too narrow to follow a change of parameters."""
+
+
+class Start(NamedTuple):
+    """Where a solve begins."""
+
+    point: Iterate
+    near: Bool[AnyArray, ""] | None = None
+    """Whether the point solves a similar game, so that local steps are tried first. None: it does
+    not, and the compiled program has no local steps."""
+
+
+def rollout(
+    layout: Layout, x0: Float[AnyArray, "n"], u: Float[AnyArray, "T m"]
+) -> Float[Array, "T n"]:
+    """States that controls lead to."""
+    dynamics = [p.dynamics for p in layout.game.players]
+
+    def step(x, stage):
+        t, control = stage
+        parts = zip(dynamics, layout.split_states(x), layout.split_controls(control), strict=True)
+        x = jnp.concatenate([f(t, s, c) for f, s, c in parts])
+        return x, x
+
+    _, x = jax.lax.scan(step, x0, (jnp.arange(1, layout.game.horizon + 1), u))
+    return x
+
+
+def on_central_path(
+    layout: Layout, parameters: Parameters, x: Array, u: Array, barrier: float
+) -> Iterate:
+    """Positive slacks and multipliers around a trajectory, their products equal to `barrier`."""
+    pairs = pairs_of(layout)
+    exists = split(layout, pairs.exists)
+    w = jnp.concatenate([x, u], axis=1)
+    penalty = layout.penalties(parameters.theta).astype(x.dtype)
+    stages = jnp.arange(1, layout.game.horizon + 1)
+    values = jax.vmap(lambda t, v: layout.constraint_values(t, v, parameters.theta))(stages, w)
+
+    def pair(gap: Array, mask: Array) -> tuple[Array, Array]:
+        slack = jnp.where(mask, jnp.maximum(gap, 0.1), 1.0)
+        return slack, jnp.where(mask, barrier / slack, 0.0)
+
+    above, below = distances_to_bounds(layout, pairs, w)
+    slack_low, mult_low = pair(above, exists.low)
+    slack_high, mult_high = pair(below, exists.high)
+    slack, mult = pair(values, exists.row)
+    mult = jnp.where(pairs.elastic, jnp.minimum(mult, 0.5 * penalty), mult)
+    spare = jnp.where(exists.excess, penalty - mult, 0.0)
+    excess = jnp.where(exists.excess, barrier / jnp.where(exists.excess, spare, 1.0), 1.0)
+    return Iterate(
+        x,
+        u,
+        join(Parts(slack_low, slack_high, excess, slack)),
+        join(Parts(mult_low, mult_high, spare, mult)),
+    )
+
+
+def from_controls(
+    layout: Layout, options: Options, parameters: Parameters, u: Float[AnyArray, "T m"]
+) -> Iterate:
+    """The trajectory of these controls, far from all bounds of multipliers."""
+    u = jnp.asarray(u)
+    x = rollout(layout, parameters.x0, u)
+    return on_central_path(layout, parameters, x, u, options.start_barrier)
+
+
+def backed_off(layout: Layout, parameters: Parameters, point: Iterate) -> Iterate:
+    """A solution's trajectory and multipliers, moved off the boundary."""
+    pairs = pairs_of(layout)
+    penalty = layout.penalties(parameters.theta).astype(point.x.dtype)
+    floor = np.sqrt(WARM_BARRIER)
+    slack = jnp.where(
+        pairs.exists,
+        jnp.maximum(point.slack, WARM_BARRIER / jnp.maximum(point.mult, floor)),
+        1.0,
+    )
+    mult = split(layout, jnp.where(pairs.exists, jnp.maximum(point.mult, WARM_BARRIER / slack), 0))
+    slacks = split(layout, slack)
+    row = jnp.where(
+        pairs.elastic, jnp.clip(mult.row, 1e-3 * penalty, (1.0 - 1e-3) * penalty), mult.row
+    )
+    row = jnp.where(pairs.equality, split(layout, point.mult).row, row)
+    spare = jnp.where(pairs.elastic, penalty - row, 0.0)
+    excess = jnp.where(
+        pairs.elastic,
+        jnp.maximum(slacks.excess, WARM_BARRIER / jnp.where(pairs.elastic, spare, 1.0)),
+        1.0,
+    )
+    return Iterate(
+        point.x,
+        point.u,
+        join(slacks._replace(excess=excess)),
+        join(mult._replace(excess=spare, row=row)),
+    )
+
+
+def repriced(layout: Layout, parameters: Parameters, point: Iterate) -> Iterate:
+    """`point` with what elastic multipliers leave of these parameters' penalties."""
+    pairs = pairs_of(layout)
+    mult = split(layout, point.mult)
+    penalty = layout.penalties(parameters.theta).astype(point.x.dtype)
+    spare = jnp.where(pairs.elastic, penalty - mult.row, 0.0)
+    return point._replace(mult=join(mult._replace(excess=spare)))
+
+
+def begin_attempt(
+    layout: Layout,
+    options: Options,
+    parameters: Parameters,
+    start: Start,
+    number: Int[Array, ""],
+) -> Iterate:
+    """Where the attempt of that number begins.
+
+    0: local steps from a similar game's solution; 1: the path from there, or from a cold start;
+    from 2 on: the path from nudged controls, away from any symmetry.
+    """
+
+    def near() -> Iterate:
+        return repriced(layout, parameters, start.point)
+
+    def first() -> Iterate:
+        if start.near is None:
+            return start.point
+        backed = backed_off(layout, parameters, start.point)
+        return jax.tree.map(lambda a, b: jnp.where(start.near, a, b), backed, start.point)
+
+    def nudged() -> Iterate:
+        # Incommensurable frequencies: no two agents are nudged alike, and runs repeat exactly.
+        u = start.point.u
+        phase = jnp.arange(u.size, dtype=u.dtype).reshape(u.shape)
+        shifted = u + 0.5 * (number - 1) * jnp.sin(1.0 + 2.4 * phase)
+        return from_controls(layout, options, parameters, shifted)
+
+    choices = (first, nudged) if start.near is None else (near, first, nudged)
+    place = number - (start.near is None)
+    return jax.lax.switch(jnp.clip(place, 0, len(choices) - 1), choices)
+
+
+def begin(
+    layout: Layout, options: Options, parameters: Parameters, start: Iterate | AnyArray | None
+) -> Start:
+    """A start from nothing (None: nobody acts), controls (T, m), or a similar game's iterate."""
+    if isinstance(start, Iterate):
+        return Start(start, jnp.ones((), bool))
+    u = jnp.zeros((layout.game.horizon, layout.m)) if start is None else start
+    return Start(from_controls(layout, options, parameters, u))

@@ -1,0 +1,113 @@
+"""What XLA compiles must be what was written.
+
+jaxlib 0.8 to 0.10 reads wrong entries of some fused vectors on processors with AVX2 (see
+`stagewise.solve_stages`); the interior-point method then still ends somewhere, only later or not at
+all. Here every part of a Newton step is run as compiled for speed and as compiled without any
+optimisation.
+"""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from foresight_env.equilibrium import Options
+from foresight_env.equilibrium.interior_point import (
+    direction,
+    eliminate_pairs,
+    evaluate,
+    fischer_burmeister,
+    newton_step,
+    stage_system,
+)
+from foresight_env.equilibrium.layout import layout_of
+from foresight_env.equilibrium.pairs import pairs_of
+from foresight_env.equilibrium.stagewise import StageSystem, factorise, solve_stages
+from foresight_env.equilibrium.start import begin
+from foresight_env.equilibrium.validation import check_parameters
+from foresight_env.scenarios.crosswalk import crosswalk_game, nominal_setting
+
+HORIZONS = (7, 17)
+"""Short and long enough for the vectorised loops, whose first step takes 16 stages."""
+PLAIN = {"xla_backend_optimization_level": 0}
+
+
+def same(function, *arguments):
+    """Both results, entry by entry."""
+    fast = jax.tree.leaves(jax.jit(function)(*arguments))
+    plain = jax.tree.leaves(jax.jit(function, compiler_options=PLAIN)(*arguments))
+    for a, b in zip(fast, plain, strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-9 * (1.0 + np.abs(b).max(initial=0.0)))
+
+
+@pytest.mark.parametrize(("proximity", "players"), [("soft", 2), ("hard", 3)])
+def test_newton_steps(proximity, players):
+    game = crosswalk_game(players, HORIZONS[-1], proximity)
+    setting = nominal_setting(players)
+    layout, options = layout_of(game), Options()
+    with jax.enable_x64(True):
+        parameters = jax.tree.map(
+            jnp.asarray,
+            check_parameters(game, setting.initial_states, setting.theta, setting.gamma),
+        )
+        pairs, point = pairs_of(layout), begin(layout, options, parameters, None).point
+        exact = jnp.zeros(())
+
+        def evaluated(point):
+            return evaluate(layout, pairs, point, parameters, exact, options)
+
+        same(evaluated, point)
+        ev = evaluated(point)
+        linear = fischer_burmeister(pairs, point, options.barrier)
+
+        def beside_the_path(point, ev, linear):
+            eliminated = eliminate_pairs(layout, pairs, linear)
+            factor = factorise(stage_system(layout, point, ev, eliminated))
+            return direction(layout, pairs, ev, factor, eliminated, linear)
+
+        same(beside_the_path, point, ev, linear)
+
+        def stepped(point, ev):
+            return newton_step(layout, pairs, point, ev, options, None)
+
+        same(stepped, point, ev)
+
+
+@pytest.mark.parametrize("stages", HORIZONS)
+@pytest.mark.parametrize("sizes", [(4, 3, 0), (8, 6, 2), (3, 1, 0), (12, 9, 3), (16, 12, 4)])
+def test_a_stage_system_is_solved(stages, sizes):
+    """The recursion's answer against the equations that it solves."""
+    n, m, rows = sizes
+    random = np.random.default_rng(n * m)
+    w = n + m
+    square = random.normal(size=(stages, w, w))
+    hessian = square @ square.transpose(0, 2, 1) + 5.0 * np.eye(w)
+    hessian += 0.3 * random.normal(size=hessian.shape)
+    curvature = 0.1 * random.normal(size=(stages, w, w))
+    a, b = 0.5 * random.normal(size=(stages, n, n)), random.normal(size=(stages, n, m))
+    rho, r_x = random.uniform(0.3, 1.0, (stages, n)), random.normal(size=(stages, n))
+    r_u, defect = random.normal(size=(stages, m)), random.normal(size=(stages, n))
+    dx0 = random.normal(size=n)
+    with jax.enable_x64(True):
+        arguments = jax.tree.map(jnp.asarray, (hessian, curvature, a, b, rho, r_x, r_u, defect))
+
+        def solved(hessian, curvature, a, b, rho, r_x, r_u, defect):
+            factor = factorise(StageSystem(hessian, curvature, a, b, rho))
+            return solve_stages(factor, r_x, r_u, defect, jnp.asarray(dx0), m - rows)
+
+        dx, first, others = (np.asarray(v) for v in jax.jit(solved)(*arguments))
+    du = np.concatenate([first, others], axis=1)
+    before = np.concatenate([dx0[None], dx[:-1]])
+    moved = np.einsum("tij,tj->ti", a, before) + np.einsum("tij,tj->ti", b, du) + defect
+    np.testing.assert_allclose(dx, moved, atol=1e-10)
+    q, later = np.zeros((stages, n)), np.zeros(n)
+    for t in reversed(range(stages)):
+        q[t] = hessian[t, :n, :n] @ dx[t] + hessian[t, :n, n:] @ du[t] + r_x[t] + later
+        bent = curvature[t, :n, :n] @ before[t] + curvature[t, :n, n:] @ du[t]
+        later = rho[t] * (a[t].T @ q[t] + bent)
+    felt = np.einsum("tij,tj->ti", hessian[:, n:, :n], dx)
+    felt += np.einsum("tij,tj->ti", hessian[:, n:, n:], du)
+    felt += np.einsum("tji,tj->ti", b, q) + r_u
+    felt += np.einsum("tij,tj->ti", curvature[:, n:, :n], before)
+    felt += np.einsum("tij,tj->ti", curvature[:, n:, n:], du)
+    np.testing.assert_allclose(felt, 0.0, atol=1e-7)
