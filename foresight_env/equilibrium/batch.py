@@ -19,7 +19,6 @@ from jaxtyping import Array, Bool, Float, Int
 
 from foresight_env.equilibrium.implicit import Equilibrium
 from foresight_env.equilibrium.interior_point import (
-    Evaluation,
     Options,
     converged,
     evaluate,

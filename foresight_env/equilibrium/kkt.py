@@ -40,11 +40,11 @@ class Parameters(NamedTuple):
 class Iterate(NamedTuple):
     """Unknowns of the mixed complementarity problem; columns of pairs as in module `pairs`."""
 
-    x: Float[AnyArray, "T n"]
+    x: Float[Array, "T n"]
     """States that stages lead to, x_2 to x_{T+1}."""
-    u: Float[AnyArray, "T m"]
-    slack: Float[AnyArray, "T P"]
-    mult: Float[AnyArray, "T P"]
+    u: Float[Array, "T m"]
+    slack: Float[Array, "T P"]
+    mult: Float[Array, "T P"]
     """In units of each player's stage cost at t; the last columns are those of constraint rows."""
 
 

@@ -27,6 +27,14 @@ class Layout:
 
     game: Game
 
+    def __hash__(self) -> int:
+        return self._hash
+
+    @cached_property
+    def _hash(self) -> int:
+        # Asked for at every call of a compiled program; a game's own is that of all its parts.
+        return hash(self.game)
+
     @cached_property
     def n(self) -> int:
         """Joint state size."""

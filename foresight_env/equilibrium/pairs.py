@@ -1,11 +1,11 @@
 """Complementarity pairs: every inequality's slack and multiplier, in one array each.
 
 Columns, per stage: lower bounds and upper bounds of the stage vector `w`, the excess of every
-constraint row, the rows themselves. Pairs that do not exist (infinite bounds, the excess of rows that
-are not elastic, equalities) keep slack 1; all but equalities keep multiplier 0.
+constraint row, the rows themselves. Pairs that do not exist (infinite bounds, the excess of rows
+that are not elastic, equalities) keep slack 1; all but equalities keep multiplier 0.
 
-An elastic row's multiplier is at most its penalty: the excess is what the row is violated by, and its
-own multiplier is what is left of the penalty.
+An elastic row's multiplier is at most its penalty: the excess is what the row is violated by, and
+its own multiplier is what is left of the penalty.
 """
 
 from __future__ import annotations
@@ -16,19 +16,18 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Shaped
 
 from foresight_env.equilibrium.layout import Layout
-from foresight_env.games.types import AnyArray
 
 
 class Parts(NamedTuple):
     """The four kinds of columns of an array over pairs."""
 
-    low: Shaped[AnyArray, "*T w"]
-    high: Shaped[AnyArray, "*T w"]
-    excess: Shaped[AnyArray, "*T K"]
-    row: Shaped[AnyArray, "*T K"]
+    low: Shaped[Array, "*T w"]
+    high: Shaped[Array, "*T w"]
+    excess: Shaped[Array, "*T K"]
+    row: Shaped[Array, "*T K"]
 
 
-def split(layout: Layout, values: Shaped[AnyArray, "*T P"]) -> Parts:
+def split(layout: Layout, values: Shaped[Array, "*T P"]) -> Parts:
     """The columns of each kind."""
     w, rows = layout.n + layout.m, len(layout.rows)
     return Parts(

@@ -106,7 +106,7 @@ class Kind(IntEnum):
 def _solve_packed(
     layout: Layout, options: Options, parameters: Parameters, point: Iterate, kind: Array
 ) -> Float[Array, "packed"]:
-    """All of a `Solution` in one vector: handing over one array takes a tenth of the time of many."""
+    """All of a `Solution` in one vector, which is handed over ten times as fast as its arrays."""
 
     def cold() -> Iterate:
         return from_controls(layout, options, parameters, jnp.zeros_like(point.u))
@@ -123,7 +123,7 @@ def _solve_packed(
     return jnp.concatenate([jnp.ravel(v) for v in parts])
 
 
-def _unpack(layout: Layout, packed: np.ndarray) -> Solution:
+def _unpack(layout: Layout, packed: Any) -> Solution:
     horizon = layout.game.horizon
     sizes = (layout.n, layout.m, layout.pair_count, layout.pair_count)
     widths = [horizon * size for size in sizes]
@@ -149,7 +149,8 @@ def _unpack(layout: Layout, packed: np.ndarray) -> Solution:
 def _blank(layout: Layout) -> Iterate:
     """Stands in for the point that a cold start does not read."""
     sizes = (layout.n, layout.m, layout.pair_count, layout.pair_count)
-    return Iterate(*(np.zeros((layout.game.horizon, size)) for size in sizes))
+    blank: list[Any] = [np.zeros((layout.game.horizon, size)) for size in sizes]
+    return Iterate(*blank)
 
 
 def _solve_concrete(
@@ -159,7 +160,8 @@ def _solve_concrete(
     if isinstance(guess, Iterate):
         kind, point = Kind.SOLUTION, guess
     elif guess is not None:
-        kind, point = Kind.CONTROLS, point._replace(u=np.asarray(guess, dtype=float))
+        controls: Any = np.asarray(guess, dtype=float)
+        kind, point = Kind.CONTROLS, point._replace(u=controls)
     packed = _solve_packed(layout, options, parameters, point, np.asarray(int(kind)))
     return _unpack(layout, np.asarray(packed))
 

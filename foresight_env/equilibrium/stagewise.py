@@ -182,10 +182,7 @@ def _riccati(
     stages = (hxx, x_rows, direct, transition, rho)
     _, (value, block) = jax.lax.scan(step, begin, stages, reverse=True)
     pivot, right = block[:, n:, n:], block[:, n:, :n]
-    if own_elimination:  # all stages at once
-        inverse = _inverse(pivot)
-    else:
-        inverse = jnp.linalg.inv(pivot)
+    inverse = _inverse(pivot) if own_elimination else jnp.linalg.inv(pivot)
     back = matrix_product(block[:, :n, n:], inverse)
     return _Recursion(value, -matrix_product(inverse, right), inverse, back)
 

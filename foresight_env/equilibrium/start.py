@@ -16,8 +16,8 @@ from foresight_env.equilibrium.pairs import Parts, distances_to_bounds, join, pa
 from foresight_env.games.types import AnyArray
 
 WARM_BARRIER = 1e-4
-"""Complementarity product to which a start from a solution backs off before the path is followed: at
-the solution's own product it is too narrow to follow a change of parameters."""
+"""Complementarity product to which a start from a solution backs off before the path is followed:
+at the solution's own product it is too narrow to follow a change of parameters."""
 
 
 class Start(NamedTuple):
@@ -140,10 +140,11 @@ def begin_attempt(
         return repriced(layout, parameters, start.point)
 
     def first() -> Iterate:
-        if start.near is None:
+        solves = start.near
+        if solves is None:
             return start.point
         backed = backed_off(layout, parameters, start.point)
-        return jax.tree.map(lambda a, b: jnp.where(start.near, a, b), backed, start.point)
+        return jax.tree.map(lambda a, b: jnp.where(solves, a, b), backed, start.point)
 
     def nudged() -> Iterate:
         # Incommensurable frequencies: no two agents are nudged alike, and runs repeat exactly.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from functools import lru_cache
 from typing import Any
@@ -52,7 +53,8 @@ def check_parameters(game: Game, x0: Any, theta: Sequence[Theta], gamma: Any) ->
         jnp.broadcast_to(gamma, (count,)) if is_traced(gamma) else np.broadcast_to(gamma, (count,))
     )
     for name, value in (("x0", state), ("theta", thetas), ("gamma", discounts)):
-        if not is_traced(value) and not all(np.isfinite(v).all() for v in jax.tree.leaves(value)):
+        leaves = jax.tree.leaves(value)
+        if not is_traced(leaves) and not all(_is_finite(v) for v in leaves):
             raise ValueError(f"{name}: contains NaN or infinity; expected finite numbers")
     if not is_traced(discounts):
         families = [p.discounting for p in game.players]
@@ -99,12 +101,20 @@ def _check_penalties(game: Game, thetas: tuple[Theta, ...]) -> None:
                 )
 
 
+def _is_finite(value: np.ndarray) -> bool:
+    return math.isfinite(value) if value.ndim == 0 else bool(np.isfinite(value).all())
+
+
 def _is_number(value: Any) -> bool:
     return isinstance(value, (int, float, np.generic, jax.Array)) and np.ndim(value) == 0
 
 
 def _entry(name: str, value: Any) -> Any:
     """One entry of `theta`: arrays and nested PyTrees as they are, lists of numbers as arrays."""
+    if isinstance(value, (float, int)) or (
+        isinstance(value, np.ndarray) and value.dtype == np.float64
+    ):
+        return np.asarray(value, dtype=float)
     if isinstance(value, (list, tuple)) and all(_is_number(v) for v in value):
         value = jnp.stack([*map(jnp.asarray, value)]) if is_traced(value) else np.asarray(value)
     try:

@@ -325,6 +325,8 @@ def estimate(
         raise ValueError(f"starts.count: is {starts.count}; expected 1 to {MOST_STARTS}")
     values, whiten = check_observations(layout, model, observations, covariance)
     warm = check_guess(layout, guess)
+    if not (warm is None or isinstance(warm, Iterate)):
+        raise ValueError(f"guess: is a {type(guess).__name__}; expected a Solution")
     with jax.enable_x64(True):
         problem = Problem(layout, coordinates, model, options)
         begin = np.asarray(coordinates.pack(parameters))

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from foresight_env.equilibrium.implicit import Equilibrium, solution_tangent
 from foresight_env.equilibrium.interior_point import Options
@@ -129,6 +129,12 @@ def extrapolated(fit: Fit, values: Float[Array, "p"]) -> Iterate:
     """Where the solution at `values` lies to first order: the start of its solve."""
     step = values - fit.values
     return jax.tree.map(lambda v, r: v + jnp.tensordot(step, r, 1), fit.point, fit.rates)
+
+
+def continued(start: Start, point: Iterate, solves: Int[Array, ""]) -> Start:
+    """Where a search that began at `start` goes on: near a solution once a game was solved."""
+    near = solves > 0
+    return Start(point, near if start.near is None else near | start.near)
 
 
 def residual_jacobian(

@@ -20,6 +20,7 @@ from foresight_env.inverse.fit import (
     Data,
     Fit,
     Problem,
+    continued,
     evaluate_fit,
     extrapolated,
     limits,
@@ -61,7 +62,7 @@ class GaussNewton:
 
         def body(state: _State) -> _State:
             fit = state.fit
-            near = Start(extrapolated(fit, state.trial), start.near | (state.solves > 0))
+            near = continued(start, extrapolated(fit, state.trial), state.solves)
             trial = evaluate_fit(problem, data, base, state.trial, near)
             better = trial.success & (trial.cost < fit.cost)
             gain = fit.cost - trial.cost

@@ -10,7 +10,15 @@ from jaxtyping import Array, Float, Int
 
 from foresight_env.equilibrium.kkt import Parameters
 from foresight_env.equilibrium.start import Start
-from foresight_env.inverse.fit import Data, Fit, Problem, evaluate_fit, limits, unevaluated
+from foresight_env.inverse.fit import (
+    Data,
+    Fit,
+    Problem,
+    continued,
+    evaluate_fit,
+    limits,
+    unevaluated,
+)
 
 
 @dataclass(frozen=True)
@@ -41,9 +49,8 @@ class GradientDescent:
 
         def body(state):
             fit, values, count, _ = state
-            trial = evaluate_fit(
-                problem, data, base, values, Start(fit.point, start.near | (count > 0))
-            )
+            near = continued(start, fit.point, count)
+            trial = evaluate_fit(problem, data, base, values, near)
             chosen = jax.tree.map(lambda new, old: jnp.where(trial.success, new, old), trial, fit)
             gradient = 2.0 * trial.jacobian.T @ trial.residual
             following = jnp.clip(values - self.learning_rate * gradient, low, high)
