@@ -171,7 +171,7 @@ def demonstrate(data: Path | None, workers: int | None, out: Path) -> None:
     console.rule("1. Does foresight help? Four egos, the same crossings")
     egos = ("oracle", "foresight", "farsighted", "constant-velocity")
     # What an earlier version left there would hide what this one does: the demo starts afresh.
-    rows = closed_loop.study(out / "closed_loop", egos, range(5), workers=workers, fresh=True)
+    rows = closed_loop.study(out / "closed_loop", egos, range(4), workers=workers, fresh=True)
     print_closed_loop(console, [summarise(rows, e) for e in egos], rows)
     _tell(console, closed_loop_summary(rows, egos, out / "closed_loop.png"))
     console.rule("2. One of them: the ego infers the other's foresight while it walks")
