@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import os
 import platform
+import sys
 from datetime import UTC, datetime
 from enum import StrEnum
 from importlib.metadata import version
@@ -69,7 +70,8 @@ def main(
     ] = None,
 ) -> None:
     """Measure speed and accuracy, and write docs/benchmarks.md."""
-    console = Console()
+    # Written to a file, tables of a dozen columns would be cut to the width of no terminal.
+    console = Console() if sys.stdout.isatty() else Console(width=200)
     setting = Setting(console, quick, data)
     first = heading(quick)
     console.print(first)
