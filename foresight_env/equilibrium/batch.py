@@ -30,11 +30,11 @@ from foresight_env.equilibrium.interior_point import (
 from foresight_env.equilibrium.kkt import Iterate, Parameters
 from foresight_env.equilibrium.layout import Layout, layout_of
 from foresight_env.equilibrium.pairs import pairs_of
-from foresight_env.equilibrium.solve import Solution, to_solution
+from foresight_env.equilibrium.solve import Solution, check_iterate, to_solution
 from foresight_env.equilibrium.start import Start, begin, begin_attempt
 from foresight_env.equilibrium.validation import check_parameters
 from foresight_env.games.game import Game
-from foresight_env.precision import to_numpy
+from foresight_env.precision import to_double, to_numpy
 
 LANES = 16
 """Games that step together. More of them fill a processor's vector units no better and its caches
@@ -77,8 +77,9 @@ def _advance(
     ev = evaluate(layout, pairs, lane.point, mine, jnp.where(exact, 0.0, 1.0), options)
     finite = is_finite(lane.point, ev)
     solved = converged(ev, options) & finite & ~lane.broken
-    done = lane.broken | hopeless(lane.point, ev) | (lane.iteration >= limit)
-    stuck = finite & ~solved & done
+    done = hopeless(layout, lane.point, ev) | (lane.iteration >= limit)
+    # A lane that broke ends its attempt even where its start was not finite either.
+    stuck = lane.broken | (finite & ~solved & done)
     result = Equilibrium(
         lane.point,
         ev.q,
@@ -208,12 +209,9 @@ def solve_many(
         )
     gammas = np.broadcast_to(gammas, (count, players))
     parameters = _checked(game, states, theta, gammas)
-    starts = None if guess is None else Iterate(*guess.point)
-    if starts is not None and starts.x.shape != (count, game.horizon, layout.n):
-        raise ValueError(
-            f"guess: joint states have shape {starts.x.shape}; expected "
-            f"{(count, game.horizon, layout.n)}"
-        )
+    starts = None if guess is None else to_double(Iterate(*guess.point))
+    if starts is not None:
+        check_iterate(layout, starts, (count,))
     workers = max(1, min(threads or _cores(), count))
 
     def share(worker: int) -> Solution:

@@ -49,7 +49,7 @@ class Options:
     tolerance: float = 1e-8
     """Largest entry of the scaled KKT residual at which a game counts as solved."""
     max_iterations: int = 80
-    """Newton steps per attempt."""
+    """Newton steps per attempt along the path."""
     barrier: float = 1e-9
     """Complementarity product at the solution: the solution is a smooth function of parameters."""
     start_barrier: float = 0.1
@@ -57,8 +57,8 @@ class Options:
     exact_below: float = 1e-2
     """Residual below which curvature of proximity terms and constraints is used exactly."""
     attempts: int = 3
-    """A failed solve starts again this often, from controls nudged off any symmetry and with the
-    exact curvature used earlier."""
+    """Attempts along the path: the first from the start itself, later ones from controls nudged off
+    any symmetry and with the exact curvature used earlier."""
     local_steps: int = 10
     """Local steps from a similar game's solution, before the path is followed from there."""
 
@@ -145,9 +145,10 @@ def violation(ev: Evaluation) -> Scalar:
     return _largest(jnp.concatenate([residual.low, residual.high, residual.rows], axis=1))
 
 
-def largest_multiplier(point: Iterate) -> Scalar:
-    """Largest multiplier of a bound or a constraint."""
-    return _largest(point.mult)
+def largest_multiplier(layout: Layout, point: Iterate) -> Scalar:
+    """Largest multiplier of a bound or a constraint; what is left of penalties does not count."""
+    mult = split(layout, point.mult)
+    return _largest(jnp.concatenate([mult.low, mult.high, mult.row], axis=1))
 
 
 def _largest(values: Array) -> Scalar:
@@ -384,9 +385,9 @@ def is_finite(point: Iterate, ev: Evaluation) -> Bool[Array, ""]:
     return jnp.isfinite(ev.error + ev.complementarity + jnp.sum(point.x) + jnp.sum(point.u))
 
 
-def hopeless(point: Iterate, ev: Evaluation) -> Bool[Array, ""]:
+def hopeless(layout: Layout, point: Iterate, ev: Evaluation) -> Bool[Array, ""]:
     """Multipliers run away while constraints stay unmet: there is no feasible point near."""
-    return (largest_multiplier(point) > RUNAWAY_MULTIPLIER) & (violation(ev) > VIOLATED)
+    return (largest_multiplier(layout, point) > RUNAWAY_MULTIPLIER) & (violation(ev) > VIOLATED)
 
 
 def iterate(
@@ -424,7 +425,7 @@ def iterate(
     def unfinished(loop: Loop) -> Bool[Array, ""]:
         return (
             ~converged(loop.evaluation, options)
-            & ~hopeless(loop.point, loop.evaluation)
+            & ~hopeless(layout, loop.point, loop.evaluation)
             & loop.finite
             & (loop.iteration < limit)
         )

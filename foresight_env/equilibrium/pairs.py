@@ -48,8 +48,8 @@ class Pairs(NamedTuple):
 
     exists: Bool[Array, "T P"]
     lower: Float[Array, "T w"]
+    """0 where there is no bound, as in `upper`."""
     upper: Float[Array, "T w"]
-    """0 where there is no bound."""
     elastic: Bool[Array, "K"]
     equality: Bool[Array, "K"]
 

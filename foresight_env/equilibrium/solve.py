@@ -72,7 +72,7 @@ def _status(layout: Layout, raw: Equilibrium, parameters: Parameters) -> Int[Arr
     outside |= jnp.any(parameters.gamma < least) | jnp.any(parameters.gamma > most)
     # Infeasibility comes first: it is what makes multipliers grow, in the end until they overflow.
     failed = jnp.where(
-        (raw.violation > VIOLATED) & (largest_multiplier(raw.point) > 1e3),
+        (raw.violation > VIOLATED) & (largest_multiplier(layout, raw.point) > 1e3),
         Status.INFEASIBLE,
         jnp.where(jnp.isfinite(raw.error), Status.ITERATION_LIMIT, Status.DIVERGED),
     )
@@ -158,7 +158,7 @@ def _solve_concrete(
 ) -> Solution:
     kind, point = Kind.COLD, _blank(layout)
     if isinstance(guess, Iterate):
-        kind, point = Kind.SOLUTION, guess
+        kind, point = Kind.SOLUTION, to_double(guess)
     elif guess is not None:
         controls: Any = np.asarray(guess, dtype=float)
         kind, point = Kind.CONTROLS, point._replace(u=controls)
@@ -241,18 +241,27 @@ def solve(
     return call_in_double(lambda p: _solve_traced(layout, options, *p), (parameters, start))
 
 
+def check_iterate(layout: Layout, point: Iterate, batch: tuple[int, ...] = ()) -> None:
+    """Raise `ValueError` where a guess solves a game of other sizes."""
+    sizes = (layout.n, layout.m, layout.pair_count, layout.pair_count)
+    names = ("joint states", "joint controls", "slacks", "multipliers")
+    for name, value, size in zip(names, point, sizes, strict=True):
+        expected = (*batch, layout.game.horizon, size)
+        if value.shape != expected:
+            raise ValueError(
+                f"guess: solves another game: {name} have shape {value.shape}; expected {expected}"
+            )
+
+
 def check_guess(layout: Layout, guess: Any) -> Iterate | AnyArray | None:
     """A guess as joint arrays: an iterate, or controls (T, m)."""
     horizon = layout.game.horizon
     if guess is None:
         return None
     if isinstance(guess, Solution):
-        if guess.point.x.shape != (horizon, layout.n):
-            raise ValueError(
-                f"guess: solves a game with joint states of shape {guess.point.x.shape}; "
-                f"expected {(horizon, layout.n)}"
-            )
-        return Iterate(*guess.point)
+        point = Iterate(*guess.point)
+        check_iterate(layout, point)
+        return point
     shapes = tuple((horizon, m) for m in layout.game.control_sizes)
     if tuple(np.shape(c) for c in guess) != shapes:
         raise ValueError(

@@ -173,7 +173,7 @@ def _riccati(
         p = h + carry
         block = matrix_product(z.T, matrix_product(p, z) + above) + below
         if own_elimination:
-            reduced = _eliminate(block, n)[:n, :n]
+            reduced = _eliminate(block, n)
         else:
             reduced = block[:n, :n] - block[:n, n:] @ jnp.linalg.solve(block[n:, n:], block[n:, :n])
         return r[:, None] * reduced, (p, block)

@@ -48,7 +48,10 @@ def rollout(
 def on_central_path(
     layout: Layout, parameters: Parameters, x: Array, u: Array, barrier: float
 ) -> Iterate:
-    """Positive slacks and multipliers around a trajectory, their products equal to `barrier`."""
+    """Positive slacks and multipliers around a trajectory, their products equal to `barrier`.
+
+    Multipliers of elastic rows are at most half their penalty.
+    """
     pairs = pairs_of(layout)
     exists = split(layout, pairs.exists)
     w = jnp.concatenate([x, u], axis=1)
@@ -114,13 +117,18 @@ def backed_off(layout: Layout, parameters: Parameters, point: Iterate) -> Iterat
     )
 
 
-def repriced(layout: Layout, parameters: Parameters, point: Iterate) -> Iterate:
-    """`point` with what elastic multipliers leave of these parameters' penalties."""
+def adapted(layout: Layout, parameters: Parameters, point: Iterate) -> Iterate:
+    """Another game's solution with this game's pairs and penalties.
+
+    Multipliers of pairs that do not exist here must go: nothing would ever change them.
+    """
     pairs = pairs_of(layout)
-    mult = split(layout, point.mult)
+    slack = jnp.where(pairs.exists, point.slack, 1.0)
+    mult = split(layout, jnp.where(pairs.exists, point.mult, 0.0))
+    row = jnp.where(pairs.equality, split(layout, point.mult).row, mult.row)
     penalty = layout.penalties(parameters.theta).astype(point.x.dtype)
-    spare = jnp.where(pairs.elastic, penalty - mult.row, 0.0)
-    return point._replace(mult=join(mult._replace(excess=spare)))
+    spare = jnp.where(pairs.elastic, penalty - row, 0.0)
+    return point._replace(slack=slack, mult=join(mult._replace(excess=spare, row=row)))
 
 
 def begin_attempt(
@@ -137,7 +145,7 @@ def begin_attempt(
     """
 
     def near() -> Iterate:
-        return repriced(layout, parameters, start.point)
+        return adapted(layout, parameters, start.point)
 
     def first() -> Iterate:
         solves = start.near

@@ -132,7 +132,7 @@ def extrapolated(fit: Fit, values: Float[Array, "p"]) -> Iterate:
 
 
 def continued(start: Start, point: Iterate, solves: Int[Array, ""]) -> Start:
-    """Where a search that began at `start` goes on: near a solution once a game was solved."""
+    """Where a search that began at `start` goes on: near a solution after the first solve."""
     near = solves > 0
     return Start(point, near if start.near is None else near | start.near)
 

@@ -117,7 +117,7 @@ def test_shift_refuses_a_batch():
         ({"gamma": np.ones((3, 2))}, r"gamma: has shape \(3, 2\)"),
         ({"gamma": [[0.5, 0.5], [0.5, -1.0]]}, r"game 1: gamma\[1\]: is -1"),
         ({"theta": [crossing_theta()]}, "theta: has 1 entries"),
-        ({"guess": "other"}, "guess: joint states have shape"),
+        ({"guess": "other"}, "guess: solves another game: joint states have shape"),
     ],
 )
 def test_bad_arguments_are_named(change, told):

@@ -1,5 +1,6 @@
 """What cannot be solved says so, and bad input is refused by name."""
 
+from dataclasses import replace
 from functools import lru_cache
 
 import jax
@@ -8,7 +9,7 @@ import numpy as np
 import pytest
 from small_games import CROSSING_GAMMA, CROSSING_STATES, crossing, crossing_theta
 
-from foresight_env.equilibrium import SolveError, Status, solve
+from foresight_env.equilibrium import Options, SolveError, Status, shift, solve, solve_many
 from foresight_env.games import (
     Bounds,
     DoubleIntegrator,
@@ -112,7 +113,9 @@ def test_bad_arguments_are_named(arguments, named):
 
 def test_a_guess_for_another_horizon_is_refused():
     other = solve(crossing("soft", 1), CROSSING_STATES, THETA, 0.9)
-    with pytest.raises(ValueError, match=r"guess: solves a game with joint states of shape \(1"):
+    with pytest.raises(
+        ValueError, match=r"guess: solves another game: joint states have shape \(1"
+    ):
         attempt(guess=other)
 
 
@@ -159,3 +162,59 @@ def test_bad_functions_are_named(changes, shared, named):
     game = Game((Player(**arguments),), 3, shared)
     with pytest.raises(ValueError, match=named):
         attempt(game, ORIGIN, GOAL)
+
+
+def last_stage_capped():
+    """A speed limit that holds after the last stage only."""
+    free = np.full((6, 4), np.inf)
+    high = free.copy()
+    high[-1, 2] = 0.1
+    player = Player(
+        DoubleIntegrator(0.2), (Goal(), Effort(0.1)), state_bounds=Bounds.box(-free, high, 4)
+    )
+    return Game((player,), 6)
+
+
+def test_a_shifted_guess_leaves_no_multiplier_where_there_is_no_bound():
+    game, x0, theta = last_stage_capped(), np.zeros((1, 4)), ({"goal": np.array([2.0, 0.0])},)
+    found = solve(game, x0, theta, 0.95)
+    again = solve(game, x0, theta, 0.95, guess=shift(found))
+    assert found.status == again.status == Status.SOLVED
+    np.testing.assert_allclose(again.controls[0], found.controls[0], atol=1e-7)
+
+
+def divided(i, t, x, u, theta):
+    return jnp.sum(u[i] ** 2) / theta["divisor"]
+
+
+def test_starts_that_are_not_finite_end_in_batches_too():
+    game = Game((Player(DoubleIntegrator(0.2), (divided,)),), 3)
+    theta, x0 = ({"divisor": 0.0},), np.zeros((1, 4))
+    alone = solve(game, x0, theta, 0.9)
+    many = solve_many(game, np.zeros((2, 4)), theta, 0.9)
+    assert alone.status != Status.SOLVED
+    assert (many.status == alone.status).all()
+
+
+def roomy(i, t, x, u, theta):
+    return jnp.reshape(10.0 - x[i][0], (1,))
+
+
+def test_unused_penalties_do_not_make_a_game_infeasible():
+    """Too few steps are an iteration limit, however high the price of what is not violated."""
+    player = Player(
+        DoubleIntegrator(0.2), (Goal(), Effort(0.1)), inequalities=(Inequality(roomy, 1, 1e4),)
+    )
+    few = Options(max_iterations=2, attempts=1)
+    theta = ({"goal": np.array([2.0, 0.0])},)
+    found = solve(Game((player,), 4), np.zeros((1, 4)), theta, 0.9, options=few)
+    assert found.status == Status.ITERATION_LIMIT
+
+
+def test_a_guess_with_other_constraints_is_refused():
+    game, theta = last_stage_capped(), ({"goal": np.array([2.0, 0.0])},)
+    found = solve(game, np.zeros((1, 4)), theta, 0.95)
+    own = game.players[0]
+    fenced = replace(game, players=(replace(own, inequalities=(Inequality(roomy, 1),)),))
+    with pytest.raises(ValueError, match="guess: solves another game: slacks have shape"):
+        solve(fenced, np.zeros((1, 4)), theta, 0.95, guess=found)
