@@ -42,7 +42,7 @@ def test_common_multipliers_are_each_players_own_share():
     found = solve(game, CROSSING_STATES, crossing_theta(), [0.95, 0.5])
     assert found.status == Status.SOLVED
     # The constraint is felt.
-    assert split(layout_of(game), found.point.mult).row.max() > 1e-2
+    assert split(layout_of(game), jnp.asarray(found.point.mult)).row.max() > 1e-2
     checked = verify(game, found, crossing_theta(), [0.95, 0.5])
     assert checked.is_local_equilibrium
     layout = layout_of(game)

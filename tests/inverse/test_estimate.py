@@ -267,7 +267,7 @@ SKEW[0, 0] = -1.0
                     point=solve(crossing(horizon=9), CROSSING_STATES, crossing_theta(), 0.9).point
                 )
             },
-            "guess: solves a game",
+            "guess: solves another game",
         ),
         ({"gamma": [0.5, np.nan]}, "gamma: contains NaN"),
         ({"initial_state": np.zeros((2, 3))}, r"x0\[0\]|initial_state"),
