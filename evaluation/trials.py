@@ -45,8 +45,9 @@ def available_workers() -> int:
 def single_threaded() -> None:
     """Keep a worker's numerical libraries on one thread: the workers share the cores."""
     os.environ["OMP_NUM_THREADS"] = "1"
-    flags = os.environ.get("XLA_FLAGS", "")
-    os.environ["XLA_FLAGS"] = f"{flags} --xla_cpu_multi_thread_eigen=false".strip()
+    # Not XLA_FLAGS: those are part of a compiled program's cache key, and this process would
+    # compile anew what its workers have compiled.
+    os.environ["PJRT_NPROC"] = "1"
 
 
 def run_trials(
