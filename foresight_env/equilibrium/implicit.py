@@ -20,6 +20,7 @@ from foresight_env.equilibrium.interior_point import (
     converged,
     eliminate_pairs,
     evaluate,
+    goal_of,
     iterate,
     on_the_path,
     stage_system,
@@ -48,12 +49,16 @@ class Equilibrium(NamedTuple):
 def _solve(layout: Layout, options: Options, parameters: Parameters, start: Start) -> Equilibrium:
     """Attempts until one succeeds; module `start` says where each begins."""
 
+    goal = goal_of(options, start.barrier)
+
     def attempt(state):
         number, _, spent = state
         begin = begin_attempt(layout, options, parameters, start, number)
         exact_below = options.exact_below * 10.0 ** jnp.maximum(number - 1, 0)
         local = None if start.near is None else number == 0
-        point, ev, iterations = iterate(layout, parameters, begin, options, exact_below, local)
+        point, ev, iterations = iterate(
+            layout, parameters, begin, options, goal, exact_below, local
+        )
         spent += iterations
         result = Equilibrium(
             point,
@@ -62,7 +67,7 @@ def _solve(layout: Layout, options: Options, parameters: Parameters, start: Star
             ev.complementarity,
             violation(ev),
             spent,
-            converged(ev, options),
+            converged(ev, goal),
         )
         return number + 1, result, spent
 
@@ -120,18 +125,18 @@ def solution_tangent(
     point = jax.tree.map(jax.lax.stop_gradient, result.point)
     fixed = jax.tree.map(jax.lax.stop_gradient, parameters)
     exact = jnp.zeros(())
-    ev = evaluate(layout, pairs, point, fixed, exact, options)
+    ev = evaluate(layout, pairs, point, fixed, exact, options.barrier)
     # On the path `slack * multiplier` stays what it is.
     eliminated = eliminate_pairs(layout, pairs, on_the_path(pairs, point, jnp.zeros(())))
     factor = factorise(stage_system(layout, point, ev, eliminated))
 
     def conditions(p: Parameters) -> tuple[Array, Array, Array, Array]:
-        at = evaluate(layout, pairs, point, p, exact, options)
+        at = evaluate(layout, pairs, point, p, exact, options.barrier)
         res = at.residual
         return res.stationarity, res.defect, res.rows, at.lin.penalty
 
     _, (r_u, defect, rows, penalty) = jax.jvp(conditions, (fixed,), (change,))
-    known = eliminated.linear
+    known = eliminated.ratios
     wanted = -rows + known.excess * penalty
     n, m = layout.n, layout.m
     # dx_1 enters the first defect, whose derivative by x0 is A_1 dx0.

@@ -63,6 +63,25 @@ class Options:
     """Local steps from a similar game's solution, before the path is followed from there."""
 
 
+class Goal(NamedTuple):
+    """Where an iteration ends."""
+
+    barrier: Scalar | float
+    """Complementarity product."""
+    tolerance: Scalar | float
+    """Largest entry of the scaled KKT residual."""
+
+
+def goal_of(options: Options, barrier: Scalar | None) -> Goal:
+    """The solution, or (`barrier` given) the smooth approximation of that product.
+
+    An approximation is met no more closely than it deserves.
+    """
+    if barrier is None:
+        return Goal(options.barrier, options.tolerance)
+    return Goal(barrier, jnp.maximum(options.tolerance, 1e-3 * barrier))
+
+
 class Residual(NamedTuple):
     """Left-hand sides of the perturbed KKT conditions that a Newton step drives to zero."""
 
@@ -107,9 +126,9 @@ def evaluate(
     point: Iterate,
     parameters: Parameters,
     convexity: Scalar,
-    options: Options,
+    barrier: Scalar | float,
 ) -> Evaluation:
-    """Derivatives and residuals at `point`."""
+    """Derivatives and residuals at `point`, with products of `barrier` in mind."""
     lin = linearise(layout, point, parameters, convexity)
     q = costates(lin, layout.n)
     above, below = distances_to_bounds(layout, pairs, jnp.concatenate([point.x, point.u], axis=1))
@@ -125,18 +144,18 @@ def evaluate(
     )
     # Negative slacks and multipliers, which local steps pass through, solve nothing.
     products = jnp.maximum(point.slack, 0.0) * jnp.maximum(point.mult, 0.0)
-    off_path = jnp.where(pairs.exists, options.barrier - products, 0.0)
+    off_path = jnp.where(pairs.exists, barrier - products, 0.0)
     return Evaluation(
         lin, q, residual, _largest(jnp.concatenate(residual, axis=1)), _largest(off_path)
     )
 
 
-def converged(ev: Evaluation, options: Options) -> Bool[Array, ""]:
+def converged(ev: Evaluation, goal: Goal) -> Bool[Array, ""]:
     """Whether the perturbed KKT conditions hold, complementarity to a hundredth of the barrier.
 
     So narrow a path makes the solution a function of the parameters alone, start or no start.
     """
-    return (ev.error <= options.tolerance) & (ev.complementarity <= 0.01 * options.barrier)
+    return (ev.error <= goal.tolerance) & (ev.complementarity <= 0.01 * goal.barrier)
 
 
 def violation(ev: Evaluation) -> Scalar:
@@ -169,7 +188,7 @@ def on_the_path(pairs: Pairs, point: Iterate, wanted: Array) -> Linear:
     return Linear(point.mult, point.slack, target)
 
 
-def fischer_burmeister(pairs: Pairs, point: Iterate, barrier: float) -> Linear:
+def fischer_burmeister(pairs: Pairs, point: Iterate, barrier: Scalar | float) -> Linear:
     """Newton on `slack + mult - r = 0` with `r = sqrt(slack^2 + mult^2 + 2 barrier)`.
 
     Differences of nearly equal numbers are written as quotients.
@@ -193,7 +212,7 @@ def fischer_burmeister(pairs: Pairs, point: Iterate, barrier: float) -> Linear:
 class Eliminated(NamedTuple):
     """What remains of `Linear` once slacks and multipliers are eliminated from the stage."""
 
-    linear: Parts
+    ratios: Parts
     """Slopes over own coefficients of bounds; of rows and excess, own coefficients over slopes."""
     softness: Float[Array, "T K"]
     """`-d g / d mult` of each row."""
@@ -213,7 +232,7 @@ def stage_system(
 ) -> StageSystem:
     """The linear system with slacks and bound multipliers eliminated."""
     lin = ev.lin
-    diagonal = eliminated.linear.low + eliminated.linear.high
+    diagonal = eliminated.ratios.low + eliminated.ratios.high
     eye = jnp.eye(diagonal.shape[1], dtype=bool)
     hessian = lin.hessian + jnp.where(eye, diagonal[:, :, None], 0.0)
     curvature = dynamics_hessian(layout, point, ev)
@@ -275,7 +294,7 @@ def direction(
     """Solve for one right-hand side and recover slacks and multipliers."""
     lin, res, n = ev.lin, ev.residual, layout.n
     slope, own = split(layout, linear.slope), split(layout, linear.own)
-    target, known = split(layout, linear.target), eliminated.linear
+    target, known = split(layout, linear.target), eliminated.ratios
     # The constant parts of each pair's step, were nothing else to move.
     low = target.low / own.low - known.low * res.low
     high = target.high / own.high - known.high * res.high
@@ -335,10 +354,12 @@ def newton_step(
     pairs: Pairs,
     point: Iterate,
     ev: Evaluation,
-    options: Options,
+    end: Scalar | float,
     local: Bool[Array, ""] | None,
 ) -> Iterate:
-    """The next point: Mehrotra's predictor, then its corrector; or one full local step.
+    """The next point on the way to products of `end`.
+
+    Mehrotra's predictor, then its corrector; or one full local step.
 
     `local` None: there are no local steps in this program.
     """
@@ -347,7 +368,7 @@ def newton_step(
         return on_the_path(pairs, point, jnp.zeros(()))
 
     def beside_path() -> Linear:
-        return fischer_burmeister(pairs, point, options.barrier)
+        return fischer_burmeister(pairs, point, end)
 
     linear = on_path() if local is None else jax.lax.cond(local, beside_path, on_path)
     eliminated = eliminate_pairs(layout, pairs, linear)
@@ -364,9 +385,9 @@ def newton_step(
         # Complementarity must not run ahead of stationarity: on a path too narrow to follow the
         # curvature of the others' constraints, steps are cut to nothing.
         wide = jnp.minimum(average, 1e-2 * ev.error)
-        barrier = jnp.maximum(jnp.maximum(sigma * average, wide), options.barrier)
+        barrier = jnp.maximum(jnp.maximum(sigma * average, wide), end)
         # At the end of the path plain Newton converges quadratically; the correction would not.
-        second_order = jnp.where(average > 10.0 * options.barrier, 1.0, 0.0)
+        second_order = jnp.where(average > 10.0 * end, 1.0, 0.0)
         wanted = barrier - second_order * first.slack * first.mult
         target = on_the_path(pairs, point, wanted)
         step = direction(layout, pairs, ev, factor, eliminated, target)
@@ -395,6 +416,7 @@ def iterate(
     parameters: Parameters,
     start: Iterate,
     options: Options,
+    goal: Goal,
     exact_below: Scalar | float,
     local: Bool[Array, ""] | None,
 ) -> tuple[Iterate, Evaluation, Int[Array, ""]]:
@@ -409,10 +431,10 @@ def iterate(
         exact_below = jnp.where(local, jnp.inf, exact_below)
 
     def body(loop: Loop) -> Loop:
-        point = newton_step(layout, pairs, loop.point, loop.evaluation, options, local)
+        point = newton_step(layout, pairs, loop.point, loop.evaluation, goal.barrier, local)
         # The next linearisation's curvature is chosen by the present error: one evaluation a step.
         convexity = jnp.where(loop.evaluation.error < exact_below, 0.0, 1.0)
-        ev = evaluate(layout, pairs, point, parameters, convexity, options)
+        ev = evaluate(layout, pairs, point, parameters, convexity, goal.barrier)
         finite = is_finite(point, ev)
         # A step that overflowed is not taken: what is returned says how far the method came.
         point, ev = jax.tree.map(
@@ -424,14 +446,14 @@ def iterate(
 
     def unfinished(loop: Loop) -> Bool[Array, ""]:
         return (
-            ~converged(loop.evaluation, options)
+            ~converged(loop.evaluation, goal)
             & ~hopeless(layout, loop.point, loop.evaluation)
             & loop.finite
             & (loop.iteration < limit)
         )
 
     convexity = jnp.where(exact_below == jnp.inf, 0.0, 1.0)
-    first = evaluate(layout, pairs, start, parameters, convexity, options)
+    first = evaluate(layout, pairs, start, parameters, convexity, goal.barrier)
     loop = jax.lax.while_loop(
         unfinished, body, Loop(start, first, jnp.zeros((), int), is_finite(start, first))
     )

@@ -166,13 +166,6 @@ def _solve_concrete(
     return _unpack(layout, np.asarray(packed))
 
 
-def solve_joint(
-    layout: Layout, options: Options, parameters: Parameters, start: Start
-) -> Equilibrium:
-    """Solve on joint arrays, double precision taken for granted: the part that others compose."""
-    return equilibrium(layout, options, parameters, start)
-
-
 @partial(jax.jit, static_argnums=(0, 1))
 def _solve_traced(
     layout: Layout, options: Options, parameters: Parameters, guess: Iterate | AnyArray | None

@@ -13,7 +13,7 @@ from foresight_env.equilibrium.interior_point import Options
 from foresight_env.equilibrium.kkt import Iterate, Parameters
 from foresight_env.equilibrium.layout import Layout
 from foresight_env.equilibrium.pairs import Parts, distances_to_bounds, join, pairs_of, split
-from foresight_env.games.types import AnyArray
+from foresight_env.games.types import AnyArray, Scalar
 
 WARM_BARRIER = 1e-4
 """Complementarity product to which a start from a solution backs off before the path is followed:
@@ -27,6 +27,8 @@ class Start(NamedTuple):
     near: Bool[AnyArray, ""] | None = None
     """Whether the point solves a similar game, so that local steps are tried first. None: it does
     not, and the compiled program has no local steps."""
+    barrier: Scalar | None = None
+    """Complementarity product at which to stop; None: that of `Options`."""
 
 
 def rollout(

@@ -16,12 +16,12 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from foresight_env.equilibrium.best_response import best_response_game, best_response_theta
-from foresight_env.equilibrium.implicit import Equilibrium
+from foresight_env.equilibrium.implicit import Equilibrium, equilibrium
 from foresight_env.equilibrium.interior_point import Options, dynamics_hessian, evaluate
 from foresight_env.equilibrium.kkt import Iterate, Parameters, discount_ratios, row_shares
 from foresight_env.equilibrium.layout import Layout, layout_of
 from foresight_env.equilibrium.pairs import Parts, join, pairs_of, split
-from foresight_env.equilibrium.solve import Solution, solve_joint
+from foresight_env.equilibrium.solve import Solution
 from foresight_env.equilibrium.start import Start, begin
 from foresight_env.equilibrium.status import Status
 from foresight_env.equilibrium.validation import check_parameters
@@ -67,7 +67,7 @@ def player_cost(
 def _curvature(layout: Layout, options: Options, parameters: Parameters, point: Iterate) -> Scalar:
     """Smallest eigenvalue of a one-player game's reduced Hessian, in current-value scaling."""
     pairs, exact = pairs_of(layout), jnp.zeros(())
-    ev = evaluate(layout, pairs, point, parameters, exact, options)
+    ev = evaluate(layout, pairs, point, parameters, exact, options.barrier)
     lin, n, m, horizon = ev.lin, layout.n, layout.m, layout.game.horizon
     curve = dynamics_hessian(layout, point, ev)
 
@@ -143,8 +143,8 @@ def _verify(
             u=own.u + 1e-3 * jnp.sin(1.0 + jnp.arange(own.u.size)).reshape(own.u.shape)
         )
         near = Start(nudged, jnp.ones((), bool))
-        gaps.append(gain(solve_joint(alone, options, mine, near)))
-        colds.append(gain(solve_joint(alone, options, mine, begin(alone, options, mine, None))))
+        gaps.append(gain(equilibrium(alone, options, mine, near)))
+        colds.append(gain(equilibrium(alone, options, mine, begin(alone, options, mine, None))))
         curvatures.append(_curvature(alone, options, mine, own))
         costs.append(here)
     gap, curvature = jnp.stack(gaps), jnp.stack(curvatures)

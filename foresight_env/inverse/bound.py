@@ -11,10 +11,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from foresight_env.equilibrium.implicit import equilibrium
 from foresight_env.equilibrium.interior_point import Options
 from foresight_env.equilibrium.kkt import Parameters
 from foresight_env.equilibrium.layout import layout_of
-from foresight_env.equilibrium.solve import solve_joint
 from foresight_env.equilibrium.start import begin
 from foresight_env.equilibrium.status import SolveError, Status
 from foresight_env.equilibrium.validation import check_parameters
@@ -43,7 +43,7 @@ def _jacobians(
 ) -> tuple[Array, Array, Array, Array]:
     values = problem.coordinates.pack(parameters)
     start = begin(problem.layout, problem.options, parameters, None)
-    result = solve_joint(problem.layout, problem.options, parameters, start)
+    result = equilibrium(problem.layout, problem.options, parameters, start)
     first, rest = solution_jacobian(problem, result, parameters, values)
 
     def along(dx0: Array, dx: Array) -> Array:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -11,6 +12,8 @@ from jaxtyping import Array, Float
 
 from foresight_env.equilibrium.kkt import Parameters
 from foresight_env.equilibrium.layout import Layout
+from foresight_env.games.types import AnyArray
+from foresight_env.precision import is_traced
 
 GAMMA_BOUNDS = (0.0, 1.5)
 """Range of an estimated discount factor. The paper projects onto [0, infinity); weights of
@@ -72,14 +75,15 @@ class Coordinates:
             mask += [f.gamma] + [f.initial_state] * layout.game.state_sizes[i]
         return Coordinates(layout, sizes), np.array(mask, dtype=bool)
 
-    def pack(self, parameters: Parameters) -> Float[Array, "p"]:
+    def pack(self, parameters: Parameters) -> Float[AnyArray, "p"]:
         """The entries of `parameters` in order."""
-        parts = [jnp.zeros(0)]
+        xp: Any = jnp if is_traced(parameters) else np
+        parts = []
         for i, names in enumerate(self.sizes):
-            parts += [jnp.ravel(jnp.asarray(parameters.theta[i][name])) for name, _ in names]
+            parts += [xp.ravel(xp.asarray(parameters.theta[i][name])) for name, _ in names]
             own = self.layout.state_slices[i]
-            parts += [jnp.asarray(parameters.gamma[i : i + 1]), jnp.asarray(parameters.x0[own])]
-        return jnp.concatenate(parts)
+            parts += [xp.asarray(parameters.gamma[i : i + 1]), xp.asarray(parameters.x0[own])]
+        return xp.concatenate(parts)
 
     def unpack(self, values: Float[Array, "p"], parameters: Parameters) -> Parameters:
         """`parameters` with these entries replaced."""

@@ -162,22 +162,20 @@ def check_observations(
             f"covariance: has shape {matrix.shape}; expected a number, ({size}, {size}) or "
             f"({count}, {size}, {size})"
         )
-    whiten = np.zeros((count, size, size))
-    for t, sigma in enumerate(np.broadcast_to(matrix, (count, size, size))):
-        index = np.flatnonzero(seen[t])
-        block = sigma[np.ix_(index, index)]
-        try:
-            # The factorisation reads only one triangle, and NaN passes through it.
-            if not np.allclose(block, block.T, rtol=1e-8, atol=0.0):
-                raise np.linalg.LinAlgError("not symmetric")
-            root = np.linalg.cholesky(block)
-        except np.linalg.LinAlgError as error:
-            raise ValueError(
-                "covariance: is not symmetric positive definite; noise-free data take a small "
-                "positive number"
-            ) from error
-        whiten[t][np.ix_(index, index)] = np.linalg.inv(root) if index.size else 0.0
-    return np.where(seen, values, 0.0), whiten
+    both = seen[:, :, None] & seen[:, None, :]
+    # Missing entries become independent ones, which leaves the factors of the others as they are.
+    blocks = np.where(both, matrix, np.eye(size))
+    try:
+        # The factorisation reads only one triangle, and NaN passes through it.
+        if not np.all(np.abs(blocks - blocks.swapaxes(1, 2)) <= 1e-8 * np.abs(blocks)):
+            raise np.linalg.LinAlgError("not symmetric")
+        roots = np.linalg.cholesky(blocks)
+    except np.linalg.LinAlgError as error:
+        raise ValueError(
+            "covariance: is not symmetric positive definite; noise-free data take a small "
+            "positive number"
+        ) from error
+    return np.where(seen, values, 0.0), np.where(both, np.linalg.inv(roots), 0.0)
 
 
 @partial(jax.jit, static_argnums=0)

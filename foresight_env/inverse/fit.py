@@ -13,11 +13,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from foresight_env.equilibrium.implicit import Equilibrium, solution_tangent
+from foresight_env.equilibrium.implicit import Equilibrium, equilibrium, solution_tangent
 from foresight_env.equilibrium.interior_point import Options
 from foresight_env.equilibrium.kkt import Iterate, Parameters
 from foresight_env.equilibrium.layout import Layout
-from foresight_env.equilibrium.solve import solve_joint
 from foresight_env.equilibrium.start import Start
 from foresight_env.games.observations import ObservationModel
 from foresight_env.games.types import AnyArray, Scalar
@@ -90,7 +89,7 @@ def evaluate_fit(
 ) -> Fit:
     """Solve the game at `values` (from `start`) and differentiate the residuals."""
     parameters = problem.coordinates.unpack(values, base)
-    result = solve_joint(problem.layout, problem.options, parameters, start)
+    result = equilibrium(problem.layout, problem.options, parameters, start)
     residual = residuals(problem, data, values, parameters.x0, result.point.x)
     first, rates = solution_jacobian(problem, result, base, values)
     moving = (first, rates.x)
@@ -111,7 +110,7 @@ def unevaluated(
 
 
 def solution_jacobian(
-    problem: Problem, result: Equilibrium, base: Parameters, values: Float[Array, "p"]
+    problem: Problem, result: Equilibrium, base: Parameters, values: Float[AnyArray, "p"]
 ) -> tuple[Float[Array, "p n"], Iterate]:
     """Derivatives of `x_1` and of all that was solved for, one right-hand side per parameter."""
     layout, options = problem.layout, problem.options

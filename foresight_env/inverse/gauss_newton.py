@@ -29,9 +29,20 @@ from foresight_env.inverse.fit import (
 
 STALLS = 2
 """Steps in a row without a change of the cost after which a search ends."""
+SMOOTH_TOLERANCE = 3e-2
+"""Relative change of the cost that counts as none while the game is smoothed."""
 DAMPING = 0.3
 """Damping of the first step. With less, first steps go so far that the games there take many
 iterations to solve, only to be refused."""
+PHASE_DAMPING = 1e-2
+"""Least damping of the first step after a change of `GaussNewton.smoothing`: the game is less
+smooth than the one before."""
+PULL = 1e-2
+"""How much, beside what the data say of them at the start, parameters are pulled towards their
+first values while the game is smoothed. A smoothed game never quite reaches a bound that the
+observed agents rest on; without the pull parameters run off in the attempt to get there."""
+ASTRAY = 30.0
+"""Cost of a step, in multiples of the cost before it, that went much too far."""
 
 
 @dataclass(frozen=True)
@@ -45,6 +56,15 @@ class GaussNewton:
     of a chi-squared sum of 200, a ten-thousandth is a seventh of a deviation."""
     step_tolerance: float = 1e-8
     """Largest change of a parameter below which a step counts as the last one."""
+    smoothing: tuple[float, ...] = (3e-2, 1e-3)
+    """Complementarity products of the games that are fitted first. Their solutions pass smoothly
+    from one active set to another, so that steps can be long and fewer local minima are in the
+    way; each fit is where the next one begins. Takes at most a quarter of `max_iterations` each;
+    left out where the caller has a guess."""
+
+    def __post_init__(self) -> None:
+        if not all(b > 0.0 for b in self.smoothing):
+            raise ValueError(f"smoothing: is {self.smoothing}; expected positive numbers")
 
     def run(
         self,
@@ -56,55 +76,116 @@ class GaussNewton:
     ) -> tuple[Fit, Int[Array, ""]]:
         """Improve `values`; returns the best fit and the number of forward solves."""
         low, high = limits(problem, data)
+        barriers = jnp.asarray((*self.smoothing, problem.options.barrier))
+        longest = max(1, self.max_iterations // 4)
 
         def unfinished(state: _State) -> Bool[Array, ""]:
-            return ~state.done & (state.solves <= self.max_iterations)
+            final = (state.phase == len(self.smoothing)) & ~state.renewed
+            return ~state.done & ((state.solves <= self.max_iterations) | ~final)
 
         def body(state: _State) -> _State:
             fit = state.fit
             near = continued(start, extrapolated(fit, state.trial), state.solves)
+            near = near._replace(barrier=barriers[state.phase])
             trial = evaluate_fit(problem, data, base, state.trial, near)
-            better = trial.success & (trial.cost < fit.cost)
-            gain = fit.cost - trial.cost
+            # What another game's fit cost is no measure of this one.
+            final = state.phase == len(self.smoothing)
+            stiffness = PULL * jnp.sum(trial.jacobian**2, axis=0)
+            stiffness = jnp.where(state.solves == 0, stiffness, state.stiffness)
+            pull = jnp.where(final, 0.0, stiffness)
+            cost = trial.cost + jnp.sum(pull * (trial.values - values) ** 2)
+            better = state.renewed | (trial.success & (cost < state.cost))
+            tolerance = jnp.where(final, self.cost_tolerance, SMOOTH_TOLERANCE)
+            small = trial.success & (jnp.abs(state.cost - cost) <= tolerance * state.cost)
+            stalls = jnp.where(small & ~state.renewed, state.stalls + 1, 0)
             still = jnp.max(jnp.abs(state.trial - fit.values)) <= self.step_tolerance
-            small = trial.success & (jnp.abs(gain) <= self.cost_tolerance * fit.cost)
-            stalls = jnp.where(small, state.stalls + 1, 0)
-            finished = still | (stalls >= STALLS)
-            first = state.solves == 0
-            finished = jnp.where(first, ~trial.success, finished)
-            damping = jnp.where(better, jnp.maximum(state.damping * 0.2, 1e-9), state.damping * 6.0)
-            damping = jnp.where(first, state.damping, damping)
+            over = still | (stalls >= jnp.where(final, STALLS, 1))
+            over = (over | (~final & (state.steps >= longest))) & ~state.renewed
+            # Games far away take many iterations: after a step that went much too far, a second
+            # one nearly as far is not tried.
+            astray = ~trial.success | (cost > ASTRAY * state.cost)
+            raised = state.damping * jnp.where(astray, 36.0, 6.0)
+            damping = jnp.where(better, jnp.maximum(state.damping * 0.2, 1e-9), raised)
+            damping = jnp.where(state.renewed, state.damping, damping)
             chosen = jax.tree.map(lambda new, old: jnp.where(better, new, old), trial, fit)
-            step = damped_step(chosen, damping, low, high, data.free)
-            trial_values = jnp.clip(chosen.values + step, low, high)
-            return _State(chosen, trial_values, damping, state.solves + 1, stalls, finished)
+            following = over & ~final
+            damping = jnp.where(following, jnp.maximum(damping, PHASE_DAMPING), damping)
+            pull = jnp.where(following & (state.phase + 1 == len(self.smoothing)), 0.0, pull)
+            step = damped_step(chosen, damping, low, high, data.free, pull, values)
+            stepped = jnp.clip(chosen.values + step, low, high)
+            return _State(
+                chosen,
+                jnp.where(better, cost, state.cost),
+                stiffness,
+                jnp.where(following, chosen.values, stepped),
+                damping,
+                state.solves + 1,
+                jnp.where(following, 0, stalls),
+                jnp.where(following, 0, state.steps + 1),
+                state.phase + following,
+                following,
+                jnp.where(state.renewed, ~trial.success, over & final),
+            )
 
         values = jnp.clip(values, low, high)
         nothing = unevaluated(problem, data, base, values, start)
-        zero = jnp.zeros((), int)
-        begin = _State(nothing, values, jnp.asarray(DAMPING), zero, zero, jnp.zeros((), bool))
+        zero, no = jnp.zeros((), int), jnp.zeros((), bool)
+        # A solution of a similar game is where smoothing would lead.
+        skipped = False if start.near is None else start.near
+        phase = jnp.where(skipped, len(self.smoothing), zero)
+        begin = _State(
+            nothing,
+            nothing.cost,
+            jnp.zeros_like(values),
+            values,
+            jnp.asarray(DAMPING),
+            zero,
+            zero,
+            zero,
+            phase,
+            ~no,
+            no,
+        )
         end = jax.lax.while_loop(unfinished, body, begin)
         return end.fit, end.solves
 
 
 class _State(NamedTuple):
     fit: Fit
+    cost: Scalar
+    """The fit's, what pulls on the parameters included."""
+    stiffness: Float[Array, "p"]
     trial: Float[Array, "p"]
     damping: Scalar
     solves: Int[Array, ""]
     stalls: Int[Array, ""]
+    steps: Int[Array, ""]
+    """In this phase."""
+    phase: Int[Array, ""]
+    """Index of the complementarity product."""
+    renewed: Bool[Array, ""]
+    """The trial is the first of its phase: there is no fit yet to compare it with."""
     done: Bool[Array, ""]
 
 
 def damped_step(
-    fit: Fit, damping: Scalar, low: Array, high: Array, free: AnyArray
+    fit: Fit,
+    damping: Scalar,
+    low: Array,
+    high: Array,
+    free: AnyArray,
+    pull: Array,
+    center: Array,
 ) -> Float[Array, "p"]:
-    """Damped Gauss-Newton step; entries pushed against their limit are frozen."""
-    gradient = fit.jacobian.T @ fit.residual
+    """Damped Gauss-Newton step on cost and `pull * (values - center)^2`, limits respected.
+
+    Entries pushed against their limit are frozen.
+    """
+    gradient = fit.jacobian.T @ fit.residual + pull * (fit.values - center)
     stuck = ((fit.values <= low) & (gradient > 0)) | ((fit.values >= high) & (gradient < 0))
     free = jnp.where(stuck, 0.0, free)
     jacobian = fit.jacobian * free
-    normal = jacobian.T @ jacobian
+    normal = jacobian.T @ jacobian + jnp.diag(free * pull)
     scale = jnp.diag(normal)
     # A floor keeps directions that the data say nothing about from running away.
     ridge = damping * (scale + 1e-6 * jnp.max(scale)) + 1e-12 * jnp.max(scale) + 1e-300

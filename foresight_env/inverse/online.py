@@ -27,6 +27,26 @@ from foresight_env.inverse.gauss_newton import GaussNewton
 from foresight_env.inverse.initial import NeverSeenError, guess_initial_states
 from foresight_env.inverse.prior import Prior
 
+PLAUSIBLE = 1.5
+"""`OnlineState.misfit` up to which no other equilibrium is looked for: of 30 degrees of freedom,
+noise alone leaves more once in twenty times."""
+WORSE = 1.3
+"""Rise of a larger misfit, as a ratio to the update before, after which one is; without a rise it
+is looked for once per window."""
+
+
+def quick_options(variance: float) -> Options:
+    """Forward-solver settings for fits that are wanted in time.
+
+    The game is smoothed by less than the noise (a complementarity product moves what rests on a
+    bound by about as much), which spares a fit most of its refused steps; a game that is not solved
+    soon is no step to take.
+    """
+    barrier = float(np.clip(variance, 1e-9, 1e-3))
+    return Options(
+        tolerance=max(1e-8, 1e-3 * barrier), barrier=barrier, attempts=1, max_iterations=25
+    )
+
 
 class Drift(NamedTuple):
     """Standard deviations by which beliefs widen over one window."""
@@ -105,8 +125,9 @@ class OnlineEstimator:
     starts: int = 2
     careful_updates: int = 4
     """Updates at the beginning that use several starts."""
-    options: Options = Options()
-    method: GaussNewton = GaussNewton(max_iterations=12, cost_tolerance=1e-4)
+    options: Options | None = None
+    """Of the forward solver; None: `quick_options` of the covariance."""
+    method: GaussNewton = GaussNewton(max_iterations=12, cost_tolerance=1e-3, smoothing=(3e-2,))
 
     def init(self, theta: Sequence[Theta], gamma: Any) -> OnlineState:
         """Nothing seen yet; `theta` and `gamma` are fixed values or first guesses."""
@@ -168,20 +189,28 @@ class OnlineEstimator:
                 method=self.method,
                 starts=MultiStart(count),
                 guess=start,
-                options=self.options,
+                options=self.options or quick_options(self.covariance),
             )
 
-        # A game may have several equilibria. The last one is where the present one is expected, the
-        # observations may by now speak for another: both are fitted, the better fit wins.
-        found = fit(None, self.starts if careful else 1)
-        if guess is not None:
-            again = fit(guess, 1)
-            if int(again.status) == Status.SOLVED and again.cost <= found.cost:
-                found = again
-        if int(found.status) != Status.SOLVED or not np.isfinite(found.covariance).all():
-            return self._keep(state, sliding)
         seen = int(np.sum(~np.isnan(np.stack(observations))))
-        misfit = max(1.0, float(found.cost) / max(seen - len(found.names), seen // 4, 1))
+
+        def misfit_of(found: Estimate) -> float:
+            if int(found.status) != Status.SOLVED or not np.isfinite(found.covariance).all():
+                return np.inf
+            return max(1.0, float(found.cost) / max(seen - len(found.names), seen // 4, 1))
+
+        # A game may have several equilibria. The last one is where the present one is expected;
+        # where it explains the observations no longer, or never did well, they may speak for
+        # another: both are fitted, the better fit wins.
+        found = None if guess is None else fit(guess, 1)
+        misfit = np.inf if found is None else misfit_of(found)
+        worse = misfit > WORSE * state.misfit or state.total % self.window == 0
+        if found is None or careful or (misfit > PLAUSIBLE and worse):
+            other = fit(None, self.starts if careful else 1)
+            if found is None or misfit_of(other) < misfit:
+                found, misfit = other, misfit_of(other)
+        if not np.isfinite(misfit):
+            return self._keep(state, sliding)
         belief = self._belief(found, len(observations), state.total, misfit)
         return state._replace(
             estimate=found,

@@ -13,11 +13,10 @@ from functools import lru_cache
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from foresight_env.equilibrium.implicit import Equilibrium
+from foresight_env.equilibrium.implicit import Equilibrium, equilibrium
 from foresight_env.equilibrium.interior_point import Options
 from foresight_env.equilibrium.kkt import Parameters
 from foresight_env.equilibrium.layout import layout_of
-from foresight_env.equilibrium.solve import solve_joint
 from foresight_env.equilibrium.start import begin
 from foresight_env.games.costs import Effort
 from foresight_env.games.game import Game
@@ -72,6 +71,6 @@ def track(problem: Problem, data: Data, parameters: Parameters) -> Float[Array, 
     same = Parameters(parameters.x0, (theta,) * everyone, jnp.ones(everyone))
     loose = Options(tolerance=1e-4, barrier=1e-4)
     start = begin(layout, loose, same, None)
-    found: Equilibrium = solve_joint(layout, loose, same, start)
+    found: Equilibrium = equilibrium(layout, loose, same, start)
     usable = jnp.isfinite(found.error)
     return jnp.where(usable, found.point.u, jnp.zeros((game.horizon, layout.m)))

@@ -54,7 +54,7 @@ def test_newton_steps(proximity, players):
         exact = jnp.zeros(())
 
         def evaluated(point):
-            return evaluate(layout, pairs, point, parameters, exact, options)
+            return evaluate(layout, pairs, point, parameters, exact, options.barrier)
 
         same(evaluated, point)
         ev = evaluated(point)
@@ -68,7 +68,7 @@ def test_newton_steps(proximity, players):
         same(beside_the_path, point, ev, linear)
 
         def stepped(point, ev):
-            return newton_step(layout, pairs, point, ev, options, None)
+            return newton_step(layout, pairs, point, ev, options.barrier, None)
 
         same(stepped, point, ev)
 

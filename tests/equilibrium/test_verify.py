@@ -58,7 +58,7 @@ def test_common_multipliers_are_each_players_own_share():
                 parameters.x0[layout.state_slices[i]], (theta,), parameters.gamma[i : i + 1]
             )
             own = restricted(layout, i, point, parameters)
-            at = evaluate(alone, pairs_of(alone), own, mine, jnp.zeros(()), Options())
+            at = evaluate(alone, pairs_of(alone), own, mine, jnp.zeros(()), Options().barrier)
             assert at.error < 1e-7
 
 

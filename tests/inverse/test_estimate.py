@@ -186,6 +186,27 @@ def test_a_window_predicts_the_rest_and_finds_the_initial_state():
         np.testing.assert_allclose(states, played()[:, 4 * i : 4 * i + 4], atol=5e-3)
 
 
+@pytest.mark.parametrize("iterations", [1, 80])
+def test_the_solution_is_the_games_however_the_search_was_smoothed(iterations):
+    found = fit(played(), [0.7, 0.9], method=GaussNewton(iterations), starts=MultiStart(1))
+    assert found.status == Status.SOLVED
+    again = solve(crossing(), found.initial_state, found.theta, found.gamma)
+    for states, expected in zip(found.solution.states, again.states, strict=True):
+        np.testing.assert_allclose(states, expected, atol=1e-6)
+
+
+def test_the_search_is_not_smoothed_near_a_guess():
+    guess = solve(crossing(), CROSSING_STATES, crossing_theta(), CROSSING_GAMMA)
+    near = fit(played(), CROSSING_GAMMA - 0.01, guess=guess, starts=MultiStart(1))
+    far = fit(played(), CROSSING_GAMMA - 0.01, starts=MultiStart(1))
+    np.testing.assert_allclose(near.values, far.values, atol=1e-4)
+    assert near.iterations < far.iterations
+    plain = fit(played(), [0.7, 0.9], method=GaussNewton(smoothing=()))
+    np.testing.assert_allclose(plain.values, far.values, atol=1e-4)
+    with pytest.raises(ValueError, match=r"smoothing: is \(0.1, 0.0\)"):
+        GaussNewton(smoothing=(0.1, 0.0))
+
+
 def test_starts_do_not_share_a_local_minimum():
     """The observed part ends far from the goals: from there every discount factor leads to a
     crossing on which agents keep their distance to the end, which the true one does not."""
