@@ -29,6 +29,7 @@ class Study(StrEnum):
     FORWARD = "forward"
     BATCH = "batch"
     GROWTH = "growth"
+    LINEAR_STEP = "linear_step"
     INVERSE = "inverse"
     ACCURACY = "accuracy"
     EGOS = "egos"

@@ -187,7 +187,7 @@ MOST_STARTS = 16
 """Starts are padded to this many, so that one compiled program serves any number of them."""
 
 
-@partial(jax.jit, static_argnums=(0, 1))
+@partial(jax.jit, static_argnums=0)
 def _run(
     problem: Problem,
     method: GaussNewton | GradientDescent,

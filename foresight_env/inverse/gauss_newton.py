@@ -26,6 +26,7 @@ from foresight_env.inverse.fit import (
     limits,
     unevaluated,
 )
+from foresight_env.precision import is_traced
 
 STALLS = 2
 """Steps in a row without a change of the cost after which a search ends."""
@@ -45,25 +46,26 @@ ASTRAY = 30.0
 """Cost of a step, in multiples of the cost before it, that went much too far."""
 
 
+@jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class GaussNewton:
-    """Settings of the default method."""
+    """Settings of the default method: a PyTree, so that one compiled program serves all values."""
 
-    max_iterations: int = 80
-    cost_tolerance: float = 1e-4
+    max_iterations: int | Int[Array, ""] = 80
+    cost_tolerance: float | Scalar = 1e-4
     """Relative change of the cost, in either direction, that counts as none; after `STALLS` such
     steps the search ends. Where the active set changes the cost has kinks, on which steps zigzag:
     of a chi-squared sum of 200, a ten-thousandth is a seventh of a deviation."""
-    step_tolerance: float = 1e-8
+    step_tolerance: float | Scalar = 1e-8
     """Largest change of a parameter below which a step counts as the last one."""
-    smoothing: tuple[float, ...] = (3e-2, 1e-3)
+    smoothing: tuple[float | Scalar, ...] = (3e-2, 1e-3)
     """Complementarity products of the games that are fitted first. Their solutions pass smoothly
     from one active set to another, so that steps can be long and fewer local minima are in the
     way; each fit is where the next one begins. Takes at most a quarter of `max_iterations` each;
     left out where the caller has a guess."""
 
     def __post_init__(self) -> None:
-        if not all(b > 0.0 for b in self.smoothing):
+        if not is_traced(self) and not all(b > 0.0 for b in self.smoothing):
             raise ValueError(f"smoothing: is {self.smoothing}; expected positive numbers")
 
     def run(
@@ -77,7 +79,7 @@ class GaussNewton:
         """Improve `values`; returns the best fit and the number of forward solves."""
         low, high = limits(problem, data)
         barriers = jnp.asarray((*self.smoothing, problem.options.barrier))
-        longest = max(1, self.max_iterations // 4)
+        longest = jnp.maximum(1, self.max_iterations // 4)
 
         def unfinished(state: _State) -> Bool[Array, ""]:
             final = (state.phase == len(self.smoothing)) & ~state.renewed

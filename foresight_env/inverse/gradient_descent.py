@@ -10,6 +10,7 @@ from jaxtyping import Array, Float, Int
 
 from foresight_env.equilibrium.kkt import Parameters
 from foresight_env.equilibrium.start import Start
+from foresight_env.games.types import Scalar
 from foresight_env.inverse.fit import (
     Data,
     Fit,
@@ -21,14 +22,15 @@ from foresight_env.inverse.fit import (
 )
 
 
+@jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class GradientDescent:
-    """Algorithm 1, with its hyper-parameters `K` and tolerance as published."""
+    """Algorithm 1, with its hyper-parameters `K` and tolerance as published; a PyTree."""
 
-    learning_rate: float
+    learning_rate: float | Scalar
     """`alpha`, in units of parameter per unit of gradient of the objective."""
-    max_iterations: int = 500
-    tolerance: float = 1e-4
+    max_iterations: int | Int[Array, ""] = 500
+    tolerance: float | Scalar = 1e-4
     """Stop when the parameter vector moves by less than this (2-norm)."""
 
     def run(

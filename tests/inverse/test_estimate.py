@@ -201,7 +201,7 @@ def test_the_search_is_not_smoothed_near_a_guess():
     far = fit(played(), CROSSING_GAMMA - 0.01, starts=MultiStart(1))
     np.testing.assert_allclose(near.values, far.values, atol=1e-4)
     assert near.iterations < far.iterations
-    plain = fit(played(), [0.7, 0.9], method=GaussNewton(smoothing=()))
+    plain = fit(played(), [0.7, 0.9], method=GaussNewton(smoothing=(1e-9, 1e-9)))
     np.testing.assert_allclose(plain.values, far.values, atol=1e-4)
     with pytest.raises(ValueError, match=r"smoothing: is \(0.1, 0.0\)"):
         GaussNewton(smoothing=(0.1, 0.0))
