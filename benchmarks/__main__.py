@@ -30,6 +30,7 @@ class Study(StrEnum):
     BATCH = "batch"
     GROWTH = "growth"
     LINEAR_STEP = "linear_step"
+    RIVALS = "rivals"
     INVERSE = "inverse"
     ACCURACY = "accuracy"
     EGOS = "egos"
