@@ -1,5 +1,6 @@
 """A small study whose trials cost nothing: `python -m ... FOLDER WORKERS SECONDS`."""
 
+import signal
 import sys
 import time
 from pathlib import Path
@@ -30,4 +31,6 @@ def study(folder, workers=0, seconds=0.0, seeds=SEEDS):
 
 
 if __name__ == "__main__":
+    # What starts it may ignore interrupts (a shell does for its background jobs).
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     study(sys.argv[1], int(sys.argv[2]), float(sys.argv[3]))
