@@ -177,7 +177,7 @@ def demonstrate(data: Path | None, workers: int | None, out: Path) -> None:
     console.rule("2. One of them: the ego infers the other's foresight while it walks")
     _draw(console, "foresight", 0, ClosedLoop(), out / "episode")
     console.rule("3. How well can foresight be inferred? Error against noise")
-    # In this process: compiling takes longer than these few fits, and the next picture needs it too.
+    # In this process: compiling takes longer than these few fits, and the next picture needs it.
     rows = estimation.study(out / "estimation", 3, 3, observations=("full",), workers=0, fresh=True)
     print_estimation(console, rows)
     _tell(console, error_against_noise(rows, out / "error_against_noise.png"))
