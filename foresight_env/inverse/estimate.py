@@ -25,7 +25,7 @@ from foresight_env.games.game import Game
 from foresight_env.games.observations import ObservationModel
 from foresight_env.games.types import Theta
 from foresight_env.inverse.coordinates import Coordinates, Free
-from foresight_env.inverse.fit import Data, Fit, Problem, solution_jacobian, unevaluated
+from foresight_env.inverse.fit import Data, Fit, Problem, unevaluated
 from foresight_env.inverse.gauss_newton import GaussNewton
 from foresight_env.inverse.gradient_descent import GradientDescent
 from foresight_env.inverse.prior import Prior, prior_terms
@@ -267,8 +267,8 @@ def _finish(problem: Problem, data: Data, base: Parameters, fit: Fit) -> tuple[A
     covariance = _inverse_of(information, free, floor)
     loose = jnp.diag(_inverse_of(information, jnp.asarray(data.free), floor))
     covariance += jnp.diag(jnp.where(held, loose, 0.0))
-    first, rest = solution_jacobian(problem, raw, base, fit.values)
-    rates = jnp.moveaxis(jnp.concatenate([first[:, None], rest.x], axis=1), 0, 2)
+    first = jax.jacfwd(lambda v: coordinates.unpack(v, base).x0)(fit.values)
+    rates = jnp.concatenate([first[None], jnp.moveaxis(fit.rates.x, 0, 2)])
     determined = is_determined(coordinates, from_data, fit.values)
     return parameters, solution, covariance, determined, rates
 
