@@ -63,10 +63,8 @@ class Problem:
 def by_stages(problem: Problem, hessian: Float[Array, "T w w"]) -> Float[Array, "T m"]:
     """The library's recursion."""
     factor = factorise(problem.system._replace(hessian=hessian))
-    start = jnp.zeros(problem.n)
-    return solve_stages(
-        factor, problem.r_x, problem.r_u, problem.defect, start, problem.m
-    )[1]  # fmt: skip
+    rest = (problem.r_x, problem.r_u, problem.defect, jnp.zeros(problem.n))
+    return solve_stages(factor, *rest, problem.m)[1]
 
 
 def responses(a: np.ndarray, b: np.ndarray, before: np.ndarray) -> Float[np.ndarray, "Tn Tm"]:

@@ -56,8 +56,8 @@ def nash_problem(game: Game, drawn: Drawn) -> Any:
         x, u = trajectory(z)
         w = jnp.concatenate([x, u], axis=1)
         rows = jax.vmap(lambda t, v: layout.constraint_values(t, v, parameters.theta))(stages, w)
-        box = [x[:, limited] - low[:, : layout.n][:, limited],
-               high[:, : layout.n][:, limited] - x[:, limited]]  # fmt: skip
+        states, least, most = (v[:, : layout.n][:, limited] for v in (x, low, high))
+        box = (states - least, most - states)
         return -jnp.concatenate([jnp.ravel(v) for v in (*box, rows)])
 
     limit = np.asarray(high[:, layout.n :])

@@ -20,9 +20,9 @@ from jaxtyping import Array, Bool, Float, Int
 from foresight_env.equilibrium.implicit import Equilibrium
 from foresight_env.equilibrium.interior_point import (
     Options,
+    accuracy_of,
     converged,
     evaluate,
-    goal_of,
     hopeless,
     is_finite,
     newton_step,
@@ -68,16 +68,16 @@ def _advance(
     layout: Layout, options: Options, mine: Parameters, lane: _Lane, *, cold: bool
 ) -> tuple[_Lane, Equilibrium, Bool[Array, ""], Bool[Array, ""]]:
     """One step of one lane; its result so far, whether it is solved, whether it is stuck."""
-    pairs, goal = pairs_of(layout), goal_of(options, None)
+    pairs, accuracy = pairs_of(layout), accuracy_of(options, None)
     local = None if cold else lane.attempt == 0
     exact_below = options.exact_below * 10.0 ** jnp.maximum(lane.attempt - 1, 0)
     limit = jnp.asarray(options.max_iterations)
     exact = lane.error < exact_below
     if local is not None:
         exact, limit = exact | local, jnp.where(local, options.local_steps, limit)
-    ev = evaluate(layout, pairs, lane.point, mine, jnp.where(exact, 0.0, 1.0), goal.barrier)
+    ev = evaluate(layout, pairs, lane.point, mine, jnp.where(exact, 0.0, 1.0), accuracy.barrier)
     finite = is_finite(lane.point, ev)
-    solved = converged(ev, goal) & finite & ~lane.broken
+    solved = converged(ev, accuracy) & finite & ~lane.broken
     done = hopeless(layout, lane.point, ev) | (lane.iteration >= limit)
     # A lane that broke ends its attempt even where its start was not finite either.
     stuck = lane.broken | (finite & ~solved & done)
@@ -90,7 +90,7 @@ def _advance(
         lane.spent,
         solved,
     )
-    stepped = newton_step(layout, pairs, lane.point, ev, goal.barrier, local)
+    stepped = newton_step(layout, pairs, lane.point, ev, accuracy.barrier, local)
     lane = lane._replace(
         iteration=lane.iteration + 1,
         spent=lane.spent + finite,

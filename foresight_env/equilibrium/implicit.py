@@ -17,10 +17,10 @@ from jaxtyping import Array, Bool, Float, Int
 
 from foresight_env.equilibrium.interior_point import (
     Options,
+    accuracy_of,
     converged,
     eliminate_pairs,
     evaluate,
-    goal_of,
     iterate,
     on_the_path,
     stage_system,
@@ -48,8 +48,7 @@ class Equilibrium(NamedTuple):
 
 def _solve(layout: Layout, options: Options, parameters: Parameters, start: Start) -> Equilibrium:
     """Attempts until one succeeds; module `start` says where each begins."""
-
-    goal = goal_of(options, start.barrier)
+    accuracy = accuracy_of(options, start.barrier)
 
     def attempt(state):
         number, _, spent = state
@@ -57,7 +56,7 @@ def _solve(layout: Layout, options: Options, parameters: Parameters, start: Star
         exact_below = options.exact_below * 10.0 ** jnp.maximum(number - 1, 0)
         local = None if start.near is None else number == 0
         point, ev, iterations = iterate(
-            layout, parameters, begin, options, goal, exact_below, local
+            layout, parameters, begin, options, accuracy, exact_below, local
         )
         spent += iterations
         result = Equilibrium(
@@ -67,7 +66,7 @@ def _solve(layout: Layout, options: Options, parameters: Parameters, start: Star
             ev.complementarity,
             violation(ev),
             spent,
-            converged(ev, goal),
+            converged(ev, accuracy),
         )
         return number + 1, result, spent
 

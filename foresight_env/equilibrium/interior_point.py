@@ -63,7 +63,7 @@ class Options:
     """Local steps from a similar game's solution, before the path is followed from there."""
 
 
-class Goal(NamedTuple):
+class Accuracy(NamedTuple):
     """Where an iteration ends."""
 
     barrier: Scalar | float
@@ -72,14 +72,14 @@ class Goal(NamedTuple):
     """Largest entry of the scaled KKT residual."""
 
 
-def goal_of(options: Options, barrier: Scalar | None) -> Goal:
+def accuracy_of(options: Options, barrier: Scalar | None) -> Accuracy:
     """The solution, or (`barrier` given) the smooth approximation of that product.
 
     An approximation is met no more closely than it deserves.
     """
     if barrier is None:
-        return Goal(options.barrier, options.tolerance)
-    return Goal(barrier, jnp.maximum(options.tolerance, 1e-3 * barrier))
+        return Accuracy(options.barrier, options.tolerance)
+    return Accuracy(barrier, jnp.maximum(options.tolerance, 1e-3 * barrier))
 
 
 class Residual(NamedTuple):
@@ -150,12 +150,12 @@ def evaluate(
     )
 
 
-def converged(ev: Evaluation, goal: Goal) -> Bool[Array, ""]:
+def converged(ev: Evaluation, accuracy: Accuracy) -> Bool[Array, ""]:
     """Whether the perturbed KKT conditions hold, complementarity to a hundredth of the barrier.
 
     So narrow a path makes the solution a function of the parameters alone, start or no start.
     """
-    return (ev.error <= goal.tolerance) & (ev.complementarity <= 0.01 * goal.barrier)
+    return (ev.error <= accuracy.tolerance) & (ev.complementarity <= 0.01 * accuracy.barrier)
 
 
 def violation(ev: Evaluation) -> Scalar:
@@ -416,7 +416,7 @@ def iterate(
     parameters: Parameters,
     start: Iterate,
     options: Options,
-    goal: Goal,
+    accuracy: Accuracy,
     exact_below: Scalar | float,
     local: Bool[Array, ""] | None,
 ) -> tuple[Iterate, Evaluation, Int[Array, ""]]:
@@ -431,10 +431,10 @@ def iterate(
         exact_below = jnp.where(local, jnp.inf, exact_below)
 
     def body(loop: Loop) -> Loop:
-        point = newton_step(layout, pairs, loop.point, loop.evaluation, goal.barrier, local)
+        point = newton_step(layout, pairs, loop.point, loop.evaluation, accuracy.barrier, local)
         # The next linearisation's curvature is chosen by the present error: one evaluation a step.
         convexity = jnp.where(loop.evaluation.error < exact_below, 0.0, 1.0)
-        ev = evaluate(layout, pairs, point, parameters, convexity, goal.barrier)
+        ev = evaluate(layout, pairs, point, parameters, convexity, accuracy.barrier)
         finite = is_finite(point, ev)
         # A step that overflowed is not taken: what is returned says how far the method came.
         point, ev = jax.tree.map(
@@ -446,14 +446,14 @@ def iterate(
 
     def unfinished(loop: Loop) -> Bool[Array, ""]:
         return (
-            ~converged(loop.evaluation, goal)
+            ~converged(loop.evaluation, accuracy)
             & ~hopeless(layout, loop.point, loop.evaluation)
             & loop.finite
             & (loop.iteration < limit)
         )
 
     convexity = jnp.where(exact_below == jnp.inf, 0.0, 1.0)
-    first = evaluate(layout, pairs, start, parameters, convexity, goal.barrier)
+    first = evaluate(layout, pairs, start, parameters, convexity, accuracy.barrier)
     loop = jax.lax.while_loop(
         unfinished, body, Loop(start, first, jnp.zeros((), int), is_finite(start, first))
     )

@@ -173,11 +173,11 @@ class _State(NamedTuple):
 def damped_step(
     fit: Fit,
     damping: Scalar,
-    low: Array,
-    high: Array,
-    free: AnyArray,
-    pull: Array,
-    center: Array,
+    low: Float[Array, "p"],
+    high: Float[Array, "p"],
+    free: Float[AnyArray, "p"],
+    pull: Float[Array, "p"],
+    center: Float[Array, "p"],
 ) -> Float[Array, "p"]:
     """Damped Gauss-Newton step on cost and `pull * (values - center)^2`, limits respected.
 

@@ -194,22 +194,25 @@ class OnlineEstimator:
 
         seen = int(np.sum(~np.isnan(np.stack(observations))))
 
-        def misfit_of(found: Estimate) -> float:
-            if int(found.status) != Status.SOLVED or not np.isfinite(found.covariance).all():
+        def cost_of(found: Estimate | None) -> float:
+            if found is None or int(found.status) != Status.SOLVED:
                 return np.inf
-            return max(1.0, float(found.cost) / max(seen - len(found.names), seen // 4, 1))
+            return float(found.cost) if np.isfinite(found.covariance).all() else np.inf
+
+        def misfit_of(found: Estimate) -> float:
+            return max(1.0, cost_of(found) / max(seen - len(found.names), seen // 4, 1))
 
         # A game may have several equilibria. The last one is where the present one is expected;
         # where it explains the observations no longer, or never did well, they may speak for
         # another: both are fitted, the better fit wins.
         found = None if guess is None else fit(guess, 1)
         misfit = np.inf if found is None else misfit_of(found)
-        worse = misfit > WORSE * state.misfit or state.total % self.window == 0
-        if found is None or careful or (misfit > PLAUSIBLE and worse):
+        due = misfit > WORSE * state.misfit or state.total % self.window == 0
+        if careful or (misfit > PLAUSIBLE and due):
             other = fit(None, self.starts if careful else 1)
-            if found is None or misfit_of(other) < misfit:
+            if cost_of(other) < cost_of(found):
                 found, misfit = other, misfit_of(other)
-        if not np.isfinite(misfit):
+        if found is None or not np.isfinite(misfit):
             return self._keep(state, sliding)
         belief = self._belief(found, len(observations), state.total, misfit)
         return state._replace(
