@@ -105,11 +105,10 @@ class Foresight:
     def act(self, memory: ForesightMemory) -> tuple[Decision, ForesightMemory]:
         """See `EgoPolicy`."""
         scene, ego, state = memory.scene, memory.ego, memory.state
-        if state is None or state.estimate is None:
+        if state is None or state.estimate is None or state.present is None:
             decision, early = ConstantVelocity().act(memory.early)
             return replace(decision, predicted={}), memory._replace(early=early)
         found = state.estimate
-        now = [np.asarray(s[state.stage]) for s in found.solution.states]
         spread = state.gamma_deviation
         gammas = {
             j: (float(found.gamma[j]), float(spread[j])) for j in range(scene.players) if j != ego
@@ -120,7 +119,14 @@ class Foresight:
         ]
         controls = [u[: scene.game.horizon] for u in ahead]
         decision, plan = plan_equilibrium(
-            scene, ego, now, found.theta, found.gamma, memory.plan, gammas, [controls, None]
+            scene,
+            ego,
+            state.present,
+            found.theta,
+            found.gamma,
+            memory.plan,
+            gammas,
+            [controls, None],
         )
         return decision, memory._replace(plan=plan)
 

@@ -34,10 +34,10 @@ def main(seed=1, steps=25):
     for step in range(steps):
         seen, goal = observations[agent][:-2], observations[agent][-2:]  # the goal is our own
         state = estimator.update(state, seen)
-        if state.estimate is not None and step % 4 == 0:
+        if state.present is not None and step % 4 == 0:
             mean, deviation = state.gamma[1], state.gamma_deviation[1]
-            now = state.estimate.solution.states[1][state.stage]
-            print(f"{step * scene.dt:.1f} s: gamma {mean:.2f} +- {deviation:.2f}, at {now[:2]}")
+            place = state.present[1][:2]
+            print(f"{step * scene.dt:.1f} s: gamma {mean:.2f} +- {deviation:.2f}, at {place}")
         action = np.clip(2.0 * (goal - seen[:2]) - 3.0 * seen[2:4], -2.0, 2.0)
         observations, _, _, _, infos = env.step({agent: action.astype(np.float32)})
         if not env.agents:

@@ -49,6 +49,10 @@ class Equilibrium(NamedTuple):
 def _solve(layout: Layout, options: Options, parameters: Parameters, start: Start) -> Equilibrium:
     """Attempts until one succeeds; module `start` says where each begins."""
     accuracy = accuracy_of(options, start.barrier)
+    attempts, limit = jnp.asarray(options.attempts), jnp.asarray(options.max_iterations)
+    if start.trial is not None:
+        attempts = jnp.where(start.trial, 1, attempts)
+        limit = jnp.where(start.trial, options.trial_steps, limit)
 
     def attempt(state):
         number, _, spent = state
@@ -56,7 +60,7 @@ def _solve(layout: Layout, options: Options, parameters: Parameters, start: Star
         exact_below = options.exact_below * 10.0 ** jnp.maximum(number - 1, 0)
         local = None if start.near is None else number == 0
         point, ev, iterations = iterate(
-            layout, parameters, begin, options, accuracy, exact_below, local
+            layout, parameters, begin, options, accuracy, exact_below, limit, local
         )
         spent += iterations
         result = Equilibrium(
@@ -72,7 +76,7 @@ def _solve(layout: Layout, options: Options, parameters: Parameters, start: Star
 
     def unsolved(state):
         number, result, _ = state
-        return (number <= options.attempts) & ~result.success
+        return (number <= attempts) & ~result.success
 
     zero, infinite = jnp.zeros((), int), jnp.asarray(jnp.inf)
     nothing = Equilibrium(

@@ -61,6 +61,9 @@ class Options:
     any symmetry and with the exact curvature used earlier."""
     local_steps: int = 10
     """Local steps from a similar game's solution, before the path is followed from there."""
+    trial_steps: int = 25
+    """Newton steps of the one attempt along the path that a fit's trial step gets: parameters whose
+    game is not solved soon are no step to take."""
 
 
 class Accuracy(NamedTuple):
@@ -418,14 +421,17 @@ def iterate(
     options: Options,
     accuracy: Accuracy,
     exact_below: Scalar | float,
+    limit: Int[Array, ""] | int,
     local: Bool[Array, ""] | None,
 ) -> tuple[Iterate, Evaluation, Int[Array, ""]]:
-    """Run the method from `start`; the caller reads success off the evaluation's errors.
+    """Run the method from `start`, at most `limit` steps along the path.
+
+    The caller reads success off the evaluation's errors.
 
     The point is the last finite one; the error is infinite where the next one was not finite.
     """
     pairs = pairs_of(layout)
-    limit = jnp.asarray(options.max_iterations)
+    limit = jnp.asarray(limit)
     if local is not None:
         limit = jnp.where(local, options.local_steps, limit)
         exact_below = jnp.where(local, jnp.inf, exact_below)

@@ -29,6 +29,8 @@ class Start(NamedTuple):
     not, and the compiled program has no local steps."""
     barrier: Scalar | None = None
     """Complementarity product at which to stop; None: that of `Options`."""
+    trial: Bool[Array, ""] | None = None
+    """Whether the solve may give up early (`Options.trial_steps`): a fit only tries a step."""
 
 
 def rollout(

@@ -15,10 +15,6 @@ from foresight_env.equilibrium.layout import Layout
 from foresight_env.games.types import AnyArray
 from foresight_env.precision import is_traced
 
-GAMMA_BOUNDS = (0.0, 1.5)
-"""Range of an estimated discount factor. The paper projects onto [0, infinity); weights of
-`1.5**t` already leave nothing but the last stages."""
-
 
 @dataclass(frozen=True)
 class Free:
@@ -28,6 +24,16 @@ class Free:
     """Entries of the player's `theta`."""
     gamma: bool = True
     initial_state: bool = False
+    gamma_range: tuple[float, float] = (0.0, 1.0)
+    """Limits of the estimated discount factor. The paper projects onto [0, infinity): give `(0,
+    1.2)` where agents may weigh later costs more than present ones."""
+
+    def __post_init__(self) -> None:
+        low, high = self.gamma_range
+        if not 0.0 <= low < high:
+            raise ValueError(
+                f"gamma_range: is {self.gamma_range}; expected (low, high), 0 <= low < high"
+            )
 
 
 @dataclass(frozen=True)
@@ -126,17 +132,33 @@ class Coordinates:
             out += ["state"] * size
         return np.array(out)
 
-    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        """(p,) lower and upper limits: discount factors, and initial states in state bounds."""
+    def limits(
+        self, free: Free | Sequence[Free], estimated: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(p,) lower and upper limits: of discount factors, of initial states by state bounds.
+
+        Parameters that are not `estimated` (p,) have none.
+        """
+        players = self.layout.game.players
+        each = (free,) * len(players) if isinstance(free, Free) else tuple(free)
         kinds = self.kinds
         low, high = np.full(kinds.size, -np.inf), np.full(kinds.size, np.inf)
-        families = np.array([p.discounting.limits for p in self.layout.game.players])
-        low[self.is_gamma] = np.maximum(families[:, 0], GAMMA_BOUNDS[0])
-        high[self.is_gamma] = np.minimum(families[:, 1], GAMMA_BOUNDS[1])
+        families = np.array([p.discounting.limits for p in players])
+        ranges = np.array([f.gamma_range for f in each])
+        low[self.is_gamma] = np.maximum(families[:, 0], ranges[:, 0])
+        high[self.is_gamma] = np.minimum(families[:, 1], ranges[:, 1])
+        for i, (least, most) in enumerate(
+            zip(low[self.is_gamma], high[self.is_gamma], strict=True)
+        ):
+            if least >= most:
+                raise ValueError(
+                    f"free[{i}].gamma_range: is {each[i].gamma_range}; player {i}'s discounting "
+                    f"has gamma in {players[i].discounting.limits}"
+                )
         is_state = kinds == "state"
         lower, upper = self.layout.bounds
         low[is_state], high[is_state] = lower[0, : self.layout.n], upper[0, : self.layout.n]
-        return low, high
+        return np.where(estimated, low, -np.inf), np.where(estimated, high, np.inf)
 
 
 def _size(shape: tuple[int, ...]) -> int:

@@ -16,7 +16,7 @@ from scipy.stats import qmc
 from foresight_env.equilibrium.implicit import Equilibrium
 from foresight_env.equilibrium.interior_point import Options
 from foresight_env.equilibrium.kkt import Iterate, Parameters
-from foresight_env.equilibrium.layout import Layout, layout_of
+from foresight_env.equilibrium.layout import layout_of
 from foresight_env.equilibrium.solve import Solution, check_guess, to_solution
 from foresight_env.equilibrium.start import Start, from_controls
 from foresight_env.equilibrium.status import Status
@@ -30,6 +30,7 @@ from foresight_env.inverse.gauss_newton import GaussNewton
 from foresight_env.inverse.gradient_descent import GradientDescent
 from foresight_env.inverse.prior import Prior, prior_terms
 from foresight_env.inverse.tracking import track
+from foresight_env.inverse.validation import check_observations, check_start
 from foresight_env.precision import to_numpy
 
 
@@ -129,55 +130,6 @@ def is_determined(coordinates: Coordinates, information: Array, values: Array) -
     return deviation < limit
 
 
-def check_observations(
-    layout: Layout, model: ObservationModel, observations: Any, covariance: Any
-) -> tuple[np.ndarray, np.ndarray]:
-    """Observations (K, size) with zeros for missing entries, and whitening matrices.
-
-    Missing entries are NaN. `covariance`: a number (times identity), (size, size), or per stage
-    (K, size, size).
-    """
-    values = np.asarray(observations, dtype=float)
-    horizon = layout.game.horizon
-    if values.ndim != 2 or values.shape[1] != model.size:
-        raise ValueError(
-            f"observations: have shape {values.shape}; expected (stages, {model.size})"
-        )
-    if not 2 <= values.shape[0] <= horizon + 1:
-        raise ValueError(
-            f"observations: {values.shape[0]} stages; a game of horizon {horizon} has states x_1 "
-            f"to x_{horizon + 1}, and two are the least to infer from"
-        )
-    if np.isinf(values).any():
-        raise ValueError("observations: contain infinity; mark missing entries as NaN")
-    seen = ~np.isnan(values)
-    if not seen.any():
-        raise ValueError("observations: every entry is missing")
-    count, size = values.shape
-    matrix = np.asarray(covariance, dtype=float)
-    if matrix.ndim == 0:
-        matrix = matrix * np.eye(size)
-    if matrix.shape not in ((size, size), (count, size, size)):
-        raise ValueError(
-            f"covariance: has shape {matrix.shape}; expected a number, ({size}, {size}) or "
-            f"({count}, {size}, {size})"
-        )
-    both = seen[:, :, None] & seen[:, None, :]
-    # Missing entries become independent ones, which leaves the factors of the others as they are.
-    blocks = np.where(both, matrix, np.eye(size))
-    try:
-        # The factorisation reads only one triangle, and NaN passes through it.
-        if not np.all(np.abs(blocks - blocks.swapaxes(1, 2)) <= 1e-8 * np.abs(blocks)):
-            raise np.linalg.LinAlgError("not symmetric")
-        roots = np.linalg.cholesky(blocks)
-    except np.linalg.LinAlgError as error:
-        raise ValueError(
-            "covariance: is not symmetric positive definite; noise-free data take a small "
-            "positive number"
-        ) from error
-    return np.where(seen, values, 0.0), np.where(both, np.linalg.inv(roots), 0.0)
-
-
 @partial(jax.jit, static_argnums=0)
 def _tracked(problem: Problem, data: Data, base: Parameters) -> Iterate:
     return from_controls(problem.layout, problem.options, base, track(problem, data, base))
@@ -259,8 +211,7 @@ def _finish(problem: Problem, data: Data, base: Parameters, fit: Fit) -> tuple[A
     from_data = fit.jacobian[:seen].T @ fit.jacobian[:seen]
     information = fit.jacobian.T @ fit.jacobian
     floor = 1e-12 * jnp.maximum(jnp.max(jnp.diag(information)), 1e-12)
-    low, high = (jnp.asarray(b) for b in coordinates.bounds())
-    held = (fit.values <= low) | (fit.values >= high)
+    held = (fit.values <= data.low) | (fit.values >= data.high)
     free = jnp.where(held, 0.0, data.free)
     # Parameters that rest on a limit do not vary with the others, so they are left out of the
     # inverse; how far the data allow them off that limit is their deviation without it.
@@ -329,7 +280,9 @@ def estimate(
         problem = Problem(layout, coordinates, model, options)
         begin = np.asarray(coordinates.pack(parameters))
         mean, root = prior_terms(prior, coordinates, parameters, chosen)
-        data = Data(values, whiten, mean, root, chosen.astype(float))
+        limits = coordinates.limits(free, chosen)
+        check_start(coordinates, begin, *limits)
+        data = Data(values, whiten, mean, root, chosen.astype(float), *limits)
         initial = starts.spread(begin, coordinates.is_gamma & chosen)
         padded = np.pad(initial, ((0, MOST_STARTS - len(initial)), (0, 0)), mode="edge")
         point = _tracked(problem, data, parameters) if warm is None else warm

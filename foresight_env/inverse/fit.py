@@ -35,6 +35,9 @@ class Data(NamedTuple):
     """Square root of the prior's information: its cost is `||root (v - mean)||^2`."""
     free: Float[AnyArray, "p"]
     """1 where a parameter is estimated, 0 where it keeps its value."""
+    low: Float[AnyArray, "p"]
+    """Limits of the parameters; those that are not estimated have none."""
+    high: Float[AnyArray, "p"]
 
 
 @dataclass(frozen=True)
@@ -59,12 +62,6 @@ class Fit(NamedTuple):
     """Derivatives of `point` by the parameters, each with a leading axis of p."""
     error: Scalar
     success: Bool[Array, ""]
-
-
-def limits(problem: Problem, data: Data) -> tuple[Float[Array, "p"], Float[Array, "p"]]:
-    """Lower and upper limits of the free parameters; fixed ones have none."""
-    low, high = problem.coordinates.bounds()
-    return jnp.where(data.free > 0, low, -jnp.inf), jnp.where(data.free > 0, high, jnp.inf)
 
 
 def predicted(problem: Problem, x0: AnyArray, x: Float[Array, "T n"], count: int) -> Array:

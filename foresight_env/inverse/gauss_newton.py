@@ -23,7 +23,6 @@ from foresight_env.inverse.fit import (
     continued,
     evaluate_fit,
     extrapolated,
-    limits,
     unevaluated,
 )
 from foresight_env.precision import is_traced
@@ -77,7 +76,7 @@ class GaussNewton:
         start: Start,
     ) -> tuple[Fit, Int[Array, ""]]:
         """Improve `values`; returns the best fit and the number of forward solves."""
-        low, high = limits(problem, data)
+        low, high = data.low, data.high
         barriers = jnp.asarray((*self.smoothing, problem.options.barrier))
         longest = jnp.maximum(1, self.max_iterations // 4)
 
@@ -88,7 +87,7 @@ class GaussNewton:
         def body(state: _State) -> _State:
             fit = state.fit
             near = continued(start, extrapolated(fit, state.trial), state.solves)
-            near = near._replace(barrier=barriers[state.phase])
+            near = near._replace(barrier=barriers[state.phase], trial=~state.renewed)
             trial = evaluate_fit(problem, data, base, state.trial, near)
             # What another game's fit cost is no measure of this one.
             final = state.phase == len(self.smoothing)
@@ -173,8 +172,8 @@ class _State(NamedTuple):
 def damped_step(
     fit: Fit,
     damping: Scalar,
-    low: Float[Array, "p"],
-    high: Float[Array, "p"],
+    low: Float[AnyArray, "p"],
+    high: Float[AnyArray, "p"],
     free: Float[AnyArray, "p"],
     pull: Float[Array, "p"],
     center: Float[Array, "p"],

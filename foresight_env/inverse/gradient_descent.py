@@ -17,7 +17,6 @@ from foresight_env.inverse.fit import (
     Problem,
     continued,
     evaluate_fit,
-    limits,
     unevaluated,
 )
 
@@ -42,7 +41,7 @@ class GradientDescent:
         start: Start,
     ) -> tuple[Fit, Int[Array, ""]]:
         """Descend from `values`; returns the last fit and the number of forward solves."""
-        low, high = limits(problem, data)
+        low, high = data.low, data.high
         values = jnp.clip(values, low, high)
 
         def unfinished(state):

@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from foresight_env.equilibrium.interior_point import Options
+from foresight_env.equilibrium.layout import layout_of
 from foresight_env.equilibrium.solve import Solution, shift
 from foresight_env.equilibrium.status import Status
 from foresight_env.games.game import Game
@@ -25,6 +26,7 @@ from foresight_env.inverse.coordinates import Free
 from foresight_env.inverse.estimate import Estimate, MultiStart, estimate
 from foresight_env.inverse.gauss_newton import GaussNewton
 from foresight_env.inverse.initial import NeverSeenError, guess_initial_states
+from foresight_env.inverse.present import corrected
 from foresight_env.inverse.prior import Prior
 
 PLAUSIBLE = 1.5
@@ -39,13 +41,10 @@ def quick_options(variance: float) -> Options:
     """Forward-solver settings for fits that are wanted in time.
 
     The game is smoothed by less than the noise (a complementarity product moves what rests on a
-    bound by about as much), which spares a fit most of its refused steps; a game that is not solved
-    soon is no step to take.
+    bound by about as much), which spares a fit most of its refused steps.
     """
     barrier = float(np.clip(variance, 1e-9, 1e-3))
-    return Options(
-        tolerance=max(1e-8, 1e-3 * barrier), barrier=barrier, attempts=1, max_iterations=25
-    )
+    return Options(tolerance=max(1e-8, 1e-3 * barrier), barrier=barrier)
 
 
 class Drift(NamedTuple):
@@ -89,6 +88,9 @@ class OnlineState(NamedTuple):
     misfit: float = 1.0
     """How much more than the noise the last fit leaves unexplained, as a ratio of variances, at
     least 1. Covariances of the estimate are to be multiplied by it (Birge, Phys. Rev. 40, 1932)."""
+    present: tuple[Float[np.ndarray, "_"], ...] | None = None
+    """Every player's state now: the estimate's, the more corrected by the newest observation the
+    less the fit explains what was seen (`misfit`). What a plan is to begin with."""
 
     @property
     def gamma_deviation(self) -> Float[np.ndarray, "N"]:
@@ -99,7 +101,7 @@ class OnlineState(NamedTuple):
 
     @property
     def stage(self) -> int:
-        """Index of the present in `estimate.solution.states` (0 is the window's first stage)."""
+        """Index of the present in the estimate's trajectory (0 is the window's first stage)."""
         return len(self.observations) - 1
 
 
@@ -222,6 +224,7 @@ class OnlineEstimator:
             gamma=found.gamma,
             beliefs=self._remember(state, belief),
             misfit=misfit,
+            present=self._present(state, found, misfit),
         )
 
     def _keep(self, state: OnlineState, sliding: bool) -> OnlineState:
@@ -239,7 +242,20 @@ class OnlineEstimator:
                 state_jacobian=np.concatenate([rates[1:], rates[-1:]]),
             )
         belief = self._belief(old, len(state.observations), state.total, state.misfit)
-        return state._replace(estimate=old, beliefs=self._remember(state, belief))
+        return state._replace(
+            estimate=old,
+            beliefs=self._remember(state, belief),
+            present=self._present(state, old, state.misfit),
+        )
+
+    def _present(
+        self, state: OnlineState, found: Estimate, misfit: float
+    ) -> tuple[Float[np.ndarray, "_"], ...]:
+        rates = found.state_jacobian[state.stage]
+        excess = (misfit - 1.0) * rates @ found.covariance @ rates.T
+        now = np.concatenate([s[state.stage] for s in found.solution.states])
+        newest = state.observations[-1]
+        return corrected(layout_of(self.game), self.model, now, excess, newest, self.covariance)
 
     def _remember(self, state: OnlineState, belief: Belief) -> tuple[Belief, ...]:
         """Beliefs that windows to come may begin with."""

@@ -1,0 +1,45 @@
+"""Where everybody is now: what the last fit says, corrected by the newest observation."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import jax
+import numpy as np
+from jaxtyping import Array, Float
+
+from foresight_env.equilibrium.layout import Layout
+from foresight_env.games.observations import ObservationModel
+
+
+@partial(jax.jit, static_argnums=(0, 1))
+def _expected(
+    layout: Layout, model: ObservationModel, state: Float[Array, "n"]
+) -> tuple[Float[Array, "size"], Float[Array, "size n"]]:
+    """What would be seen, and its derivative."""
+
+    def seen(x: Array) -> Array:
+        return model(layout.split_states(x))
+
+    return seen(state), jax.jacfwd(seen)(state)
+
+
+def corrected(
+    layout: Layout,
+    model: ObservationModel,
+    state: Float[np.ndarray, "n"],
+    excess: Float[np.ndarray, "n n"],
+    observation: Float[np.ndarray, "size"],
+    variance: float,
+) -> tuple[Float[np.ndarray, "_"], ...]:
+    """Per-player states after a Kalman update of the joint `state`.
+
+    `excess` is the covariance of what the model, not the noise, gets wrong: the fit has used the
+    observation already, so with none there is nothing to correct.
+    """
+    seen = ~np.isnan(observation)
+    with jax.enable_x64(True):
+        expected, rates = (np.asarray(v)[seen] for v in _expected(layout, model, state))
+    spread = rates @ excess @ rates.T + variance * np.eye(len(rates))
+    state = state + excess @ rates.T @ np.linalg.solve(spread, observation[seen] - expected)
+    return tuple(state[s] for s in layout.state_slices)

@@ -1,0 +1,76 @@
+"""What observations and starts must be like, checked before anything is computed."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from foresight_env.equilibrium.layout import Layout
+from foresight_env.games.observations import ObservationModel
+from foresight_env.inverse.coordinates import Coordinates
+
+
+def check_observations(
+    layout: Layout, model: ObservationModel, observations: Any, covariance: Any
+) -> tuple[np.ndarray, np.ndarray]:
+    """Observations (K, size) with zeros for missing entries, and whitening matrices.
+
+    Missing entries are NaN. `covariance`: a number (times identity), (size, size), or per stage
+    (K, size, size).
+    """
+    values = np.asarray(observations, dtype=float)
+    horizon = layout.game.horizon
+    if values.ndim != 2 or values.shape[1] != model.size:
+        raise ValueError(
+            f"observations: have shape {values.shape}; expected (stages, {model.size})"
+        )
+    if not 2 <= values.shape[0] <= horizon + 1:
+        raise ValueError(
+            f"observations: {values.shape[0]} stages; a game of horizon {horizon} has states x_1 "
+            f"to x_{horizon + 1}, and two are the least to infer from"
+        )
+    if np.isinf(values).any():
+        raise ValueError("observations: contain infinity; mark missing entries as NaN")
+    seen = ~np.isnan(values)
+    if not seen.any():
+        raise ValueError("observations: every entry is missing")
+    count, size = values.shape
+    matrix = np.asarray(covariance, dtype=float)
+    if matrix.ndim == 0:
+        matrix = matrix * np.eye(size)
+    if matrix.shape not in ((size, size), (count, size, size)):
+        raise ValueError(
+            f"covariance: has shape {matrix.shape}; expected a number, ({size}, {size}) or "
+            f"({count}, {size}, {size})"
+        )
+    both = seen[:, :, None] & seen[:, None, :]
+    # Missing entries become independent ones, which leaves the factors of the others as they are.
+    blocks = np.where(both, matrix, np.eye(size))
+    try:
+        # The factorisation reads only one triangle, and NaN passes through it.
+        if not np.all(np.abs(blocks - blocks.swapaxes(1, 2)) <= 1e-8 * np.abs(blocks)):
+            raise np.linalg.LinAlgError("not symmetric")
+        roots = np.linalg.cholesky(blocks)
+    except np.linalg.LinAlgError as error:
+        raise ValueError(
+            "covariance: is not symmetric positive definite; noise-free data take a small "
+            "positive number"
+        ) from error
+    return np.where(seen, values, 0.0), np.where(both, np.linalg.inv(roots), 0.0)
+
+
+def check_start(
+    coordinates: Coordinates,
+    values: Float[np.ndarray, "p"],
+    low: Float[np.ndarray, "p"],
+    high: Float[np.ndarray, "p"],
+) -> None:
+    """Raise `ValueError` where a discount factor starts outside the range it is looked for in."""
+    outside = coordinates.is_gamma & ((values < low) | (values > high))
+    for k in np.flatnonzero(outside):
+        raise ValueError(
+            f"gamma: {coordinates.names[k]} starts at {values[k]:g}; it is estimated in "
+            f"[{low[k]:g}, {high[k]:g}] (free.gamma_range)"
+        )
