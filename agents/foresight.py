@@ -34,6 +34,8 @@ class ForesightMemory(NamedTuple):
     plan: Plan | None
     early: ConstantVelocityMemory
     """What to do until there is an estimate."""
+    stale: bool = False
+    """Whether the latest update kept the estimate before it."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +87,9 @@ class Foresight:
         if state is None:
             state = memory.estimator.init(*self._first_guess(memory.scene, memory.ego, seen))
         early = ConstantVelocity().update(memory.early, observation, info)
-        return memory._replace(state=memory.estimator.update(state, seen), early=early)
+        following = memory.estimator.update(state, seen)
+        stale = following.failures > state.failures
+        return memory._replace(state=following, early=early, stale=stale)
 
     def _first_guess(
         self, scene: Scene, ego: int, seen: Float[np.ndarray, "size"]
@@ -128,7 +132,7 @@ class Foresight:
             gammas,
             [controls, None],
         )
-        return decision, memory._replace(plan=plan)
+        return replace(decision, stale=memory.stale), memory._replace(plan=plan)
 
 
 def farsighted() -> Foresight:

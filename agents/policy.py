@@ -36,6 +36,8 @@ class Decision:
     """Inferred discount factors by player: mean and standard deviation."""
     failed: bool = False
     """Whether a solve failed and the action is a fallback: the last plan continued, or braking."""
+    stale: bool = False
+    """Whether the latest fit failed, so that an older estimate was planned with."""
 
 
 @runtime_checkable

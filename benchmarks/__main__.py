@@ -22,6 +22,7 @@ class Study(StrEnum):
     FORWARD = "forward"
     BATCH = "batch"
     GROWTH = "growth"
+    DERIVATIVES = "derivatives"
     LINEAR_STEP = "linear_step"
     RIVALS = "rivals"
     INVERSE = "inverse"

@@ -38,7 +38,8 @@ def run(setting: Setting) -> list[Result]:
                 "cost minus oracle's": told(paired_difference(trials, ego, "oracle", "cost")),
                 "decision p50": yardstick.told(found.latency_median / 1e3),
                 "decision p99": yardstick.told(found.latency_p99 / 1e3),
-                "failed solves": found.failures,
+                "failed plans": found.failed_plans,
+                "failed fits": found.failed_fits,
             }
         )
     note = (

@@ -119,7 +119,8 @@ def run_episode(ego: str, seed: int, **setting: Any) -> Row:
         "time": float(last["time"]),
         "min_distance": float(last["min_distance"]),
         "cost": -sum(s.info["reward"] for s in steps) * env.scene.dt,
-        "ego_failures": sum(s.decision.failed for s in steps),
+        "failed_plans": sum(s.decision.failed for s in steps),
+        "failed_fits": sum(s.decision.stale for s in steps),
         "oracle_failures": int(last["solver_failures"]),
         "gamma_error": float(np.mean(errors)) if errors else None,
         "latencies": latencies.tolist(),
@@ -165,7 +166,10 @@ class Summary(NamedTuple):
     latency_median: float
     """Milliseconds per decision, compilation apart."""
     latency_p99: float
-    failures: int
+    failed_plans: int
+    """Decisions without a solved plan: the one before was continued, or the ego braked."""
+    failed_fits: int
+    """Decisions with an older estimate, because the latest fit failed."""
 
 
 def summarise(rows: list[Row], ego: str, dt: float = 0.1) -> Summary:
@@ -192,7 +196,8 @@ def summarise(rows: list[Row], ego: str, dt: float = 0.1) -> Summary:
         mean_interval(np.array([r["cost"] for r in good if not r["collision"]] or [np.inf])),
         float(np.median(latency)),
         float(np.percentile(latency, 99)),
-        sum(r["ego_failures"] for r in good),
+        sum(r["failed_plans"] for r in good),
+        sum(r["failed_fits"] for r in good),
     )
 
 

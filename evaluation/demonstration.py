@@ -78,7 +78,11 @@ def _draw(console: Console, ego: str, seed: int, setting: ClosedLoop, out: Path)
     milliseconds = 1e3 * np.array([s.latency for s in shown.steps[2:]])
     if milliseconds.size:
         table.add_row("decision, median", f"{np.median(milliseconds):.0f} ms")
-    table.add_row("failed solves", str(sum(s.decision.failed for s in shown.steps)))
+    table.add_row(
+        "failed plans, failed fits",
+        f"{sum(s.decision.failed for s in shown.steps)}, "
+        f"{sum(s.decision.stale for s in shown.steps)}",
+    )
     console.print(table)
     for path in (shown.animation, shown.still, shown.curve):
         if path is not None:

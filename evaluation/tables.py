@@ -44,7 +44,8 @@ def print_closed_loop(console: Console, summaries: Sequence[Summary], rows: Sequ
         "cost, unharmed": [_pm(s.cost, 1) for s in summaries],
         "decision p50 [ms]": [f"{s.latency_median:.0f}" for s in summaries],
         "decision p99 [ms]": [f"{s.latency_p99:.0f}" for s in summaries],
-        "failed solves": [str(s.failures) for s in summaries],
+        "failed plans": [str(s.failed_plans) for s in summaries],
+        "failed fits": [str(s.failed_fits) for s in summaries],
     }
     if any(s.errors for s in summaries):
         lines["broken trials"] = [str(s.errors) for s in summaries]

@@ -88,6 +88,27 @@ def test_the_present_is_where_the_window_ends():
         assert np.abs(now - seen()[count - 1]).max() < 0.05
 
 
+def test_where_the_game_explains_what_was_seen_the_present_is_the_fit():
+    _, states = run()
+    last = states[-1]
+    fitted = np.concatenate([s[last.stage] for s in last.estimate.solution.states])
+    assert np.abs(np.concatenate(last.present) - fitted).max() < STD
+
+
+def test_the_present_follows_an_agent_that_no_game_explains():
+    """Player 0 stops on the spot: what it has planned is not where it is."""
+    made, states = run()
+    state, row = states[8], seen()[8].copy()
+    row[2:4] = 0.0
+    for _ in range(3):
+        state = made.update(state, row)
+    assert state.misfit > 2.0
+    fitted = np.concatenate([s[state.stage] for s in state.estimate.solution.states])
+    now = np.concatenate(state.present)
+    assert np.abs(fitted[:4] - row[:4]).max() > 20.0 * STD
+    assert np.abs(now[:4] - row[:4]).max() < 5.0 * STD
+
+
 @pytest.mark.parametrize("at", [WINDOW - 2, WINDOW + 3], ids=["filling", "sliding"])
 def test_a_failed_fit_keeps_the_estimate(at, monkeypatch):
     made, states = run()

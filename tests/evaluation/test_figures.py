@@ -39,7 +39,7 @@ def test_closed_loop_numbers_by_hand():
     assert found.time_to_goal.mean == pytest.approx((3.0 + 10.0 + 5.0) / 3.0)
     assert found.smallest_distance == pytest.approx(0.3)
     assert found.latency_median == 25.0
-    assert found.failures == 3
+    assert (found.failed_plans, found.failed_fits) == (3, 6)
     other = summarise(rows, "farsighted")
     assert (other.episodes, other.errors, other.reached) == (3, 1, 2)
     difference = paired_difference(rows, "foresight", "farsighted", "time")

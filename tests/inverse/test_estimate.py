@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from small_games import CROSSING_GAMMA, CROSSING_GOALS, CROSSING_STATES, crossing, crossing_theta
 
-from foresight_env.equilibrium import Status, solve
+from foresight_env.equilibrium import Options, Status, solve
 from foresight_env.games import full_state, positions
 from foresight_env.inverse import Free, GaussNewton, GradientDescent, MultiStart, Prior, estimate
 from foresight_env.scenarios.crosswalk import MONTE_CARLO, crosswalk_game
@@ -299,3 +299,30 @@ def test_bad_arguments_are_named(change, named):
     arguments = {"observations": np.zeros((9, 8)), **change}
     with pytest.raises(ValueError, match=named):
         fit(arguments.pop("observations"), **arguments)
+
+
+def test_discount_factors_are_looked_for_in_their_range():
+    eager = np.array([1.08, 0.7])  # player 0 weighs later costs more than present ones
+    truth = solve(crossing(), CROSSING_STATES, crossing_theta(), eager, throw=True)
+    seen = np.concatenate(truth.states, 1)
+    usual = fit(seen)
+    assert usual.gamma[0] <= 1.0
+    assert usual.cost > 1e-2  # what it cannot explain, it shows
+    wide = fit(seen, free=(Free(gamma_range=(0.0, 1.2)), Free()))
+    np.testing.assert_allclose(wide.gamma, eager, atol=1e-4)
+    narrow = fit(seen, free=Free(gamma_range=(0.75, 0.9)))
+    np.testing.assert_allclose(narrow.gamma, [0.9, 0.75], atol=1e-6)
+    with pytest.raises(ValueError, match=r"gamma of 0 starts at 1.1; it is estimated in \[0, 1\]"):
+        fit(seen, (1.1, 0.8))
+    with pytest.raises(ValueError, match=r"gamma_range: is \(0.9, 0.2\); expected \(low, high\)"):
+        Free(gamma_range=(0.9, 0.2))
+
+
+def test_only_trial_steps_give_up_early():
+    """One Newton step solves no cold game: with no more patience even the first would fail."""
+    hasty = Options(trial_steps=1)
+    found = fit(played(), theta=crossing_theta(CROSSING_GOALS + 0.2), options=hasty)
+    assert found.status == Status.SOLVED
+    assert np.isfinite(found.cost)
+    patient = fit(played(), theta=crossing_theta(CROSSING_GOALS + 0.2))
+    assert patient.cost < 1e-8
