@@ -1,4 +1,4 @@
-"""`python -m benchmarks [--quick] [--only NAME] [--data DIR]`."""
+"""`python -m benchmarks [--quick] [--only NAME] [--data DIR] [--reference DIR]`."""
 
 from __future__ import annotations
 
@@ -27,6 +27,7 @@ class Study(StrEnum):
     RIVALS = "rivals"
     INVERSE = "inverse"
     ACCURACY = "accuracy"
+    ONLINE = "online"
     EGOS = "egos"
     STRESS = "stress"
     ENVIRONMENT = "environment"
@@ -42,11 +43,17 @@ def main(
         Path | None,
         typer.Option(exists=True, file_okay=False, help="Folder with DUT and UCY recordings."),
     ] = None,
+    reference: Annotated[
+        Path | None,
+        typer.Option(
+            exists=True, file_okay=False, help="Folder with the reference's raw errors, to draw."
+        ),
+    ] = None,
 ) -> None:
     """Measure speed and accuracy; full studies are written to docs/benchmarks.md."""
     # Written to a file, tables of a dozen columns would be cut to the width of no terminal.
     console = Console() if sys.stdout.isatty() else Console(width=200)
-    setting = Setting(console, quick, data)
+    setting = Setting(console, quick, data, reference)
     for study in Study if only is None else (only,):
         measured = circumstances()
         console.print(f"{study.value}: {measured}")

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import tempfile
+import time
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from benchmarks.report import Result, Row, Setting
+from benchmarks.timing import ROOT
 from evaluation import estimation
 from evaluation.estimation import LEAST_STD, OBSERVATIONS, bound, joint, observation_model, truth
+from evaluation.figures import COLOURS, LABELS, save
 from evaluation.metrics import trajectory_error
-from evaluation.statistics import mean_interval
 from evaluation.store import Row as Trial
 from foresight_env.inverse import Free, MultiStart, Prior, estimate
 from foresight_env.scenarios.crosswalk import MONTE_CARLO, crosswalk_game
@@ -20,6 +24,11 @@ RECOVERED = 1e-6
 """Trajectory error below which a noise-free estimate counts as exact."""
 REFERENCE_ERROR = 0.765
 """Error of the reference implementation's best gamma = 1 fit, from its own description."""
+WANTED = 1.2
+"""Mean error over the bound that every level is to stay below."""
+BANDS = 5
+"""Groups of neighbouring noise levels, one line each."""
+PICTURE = ROOT / "docs" / "images" / "errors_beside_the_reference.png"
 
 
 def reference_error() -> float:
@@ -63,41 +72,127 @@ def noise_free(rows: list[Trial]) -> list[Row]:
     return lines
 
 
-def against_bound(rows: list[Trial]) -> list[Row]:
-    """Mean error over the Cramer-Rao bound per noise level, and the gamma = 1 baseline."""
+def by_band(rows: list[Trial]) -> list[Row]:
+    """Per band of noise levels: errors over the Cramer-Rao bound, and how often intervals hold."""
     lines: list[Row] = []
+    levels = sorted({r["std"] for r in rows if r["std"] > LEAST_STD})
     for observation in OBSERVATIONS:
-        for std in sorted({r["std"] for r in rows if r["std"] > LEAST_STD}):
-            limit = bound(observation) * std**2
-            mine = [r for r in rows if (r["observation"], r["std"]) == (observation, std)]
-            told = {}
-            for method in estimation.METHODS:
-                good = [r for r in mine if r["method"] == method and not r["error"]]
-                ratio = np.array([r["error_squared"] for r in good]) / limit
-                told[method] = mean_interval(ratio)
-            covered = [
-                c for r in mine if r["method"] == "foresight" and not r["error"]
-                for c in r["gamma_covered"]
-            ]  # fmt: skip
-            own = told["foresight"]
+        for band in np.array_split(np.array(levels), min(BANDS, len(levels))):
+            mine = [r for r in rows if r["observation"] == observation and r["std"] in band]
+            good = [r for r in mine if not r["error"]]
+            ratios = {
+                method: np.array(
+                    [
+                        np.mean([r["error_squared"] for r in good if is_of(r, method, std)])
+                        / (bound(observation) * std**2)
+                        for std in band
+                    ]
+                )
+                for method in estimation.METHODS
+            }
+            pairs = [
+                pair
+                for r in good
+                if r["method"] == "foresight"
+                for pair in zip(r["gamma_covered"], r["gamma_determined"], strict=True)
+            ]
+            told = [covered for covered, determined in pairs if determined]
+            own = ratios["foresight"]
             lines.append(
                 {
                     "observed": observation,
-                    "noise std [m]": f"{std:.3f}",
-                    "error / bound": f"{own.mean:.2f} [{own.low:.2f}, {own.high:.2f}]",
-                    "gamma = 1: error / bound": f"{told['farsighted'].mean:.1f}",
-                    "90 % intervals that hold gamma": f"{np.mean(covered):.0%}",
-                    "broke": sum(bool(r["error"]) for r in mine),
+                    "noise std [m]": f"{band[0]:.3f} to {band[-1]:.3f}",
+                    "levels": len(band),
+                    "error / bound, mean": float(own.mean()),
+                    "worst level": float(own.max()),
+                    f"levels below {WANTED:g}": int(np.sum(own <= WANTED)),
+                    "gamma = 1: error / bound": float(ratios["farsighted"].mean()),
+                    "90 % intervals that hold gamma": f"{np.mean(told):.0%}" if told else "-",
+                    "gamma open": f"{1.0 - len(told) / len(pairs):.0%}",
+                    "seconds, median": float(np.median([r["seconds"] for r in good])),
+                    "broke": len(mine) - len(good),
                 }
             )
     return lines
 
 
+def is_of(row: Trial, method: str, std: float) -> bool:
+    """Whether a row belongs to a method and a noise level."""
+    return bool(row["method"] == method and row["std"] == std)
+
+
+def published(folder: Path) -> dict[tuple[str, str], Published]:
+    """The reference implementation's errors: a row per level, "m" and its std, then the errors."""
+    found = {}
+    for observation, short in (("full", "fo"), ("positions", "po")):
+        for method, name in (("foresight", "ours"), ("farsighted", "baseline")):
+            lines = (folder / f"crosswalk_{short}_{name}.txt").read_text().splitlines()
+            table = [line.split() for line in lines if line.strip()]
+            stds = np.array([float(row[0].removeprefix("m")) for row in table])
+            errors = [np.array(row[1:], float) for row in table]
+            # An error of exactly 0 under noise is no estimate.
+            means = [e[e > 0.0].mean() if (e > 0.0).any() else 0.0 for e in errors]
+            found[observation, method] = Published(stds, np.array(means))
+    return found
+
+
+class Published(NamedTuple):
+    """Mean errors over noise."""
+
+    stds: np.ndarray
+    errors: np.ndarray
+
+
+def picture(rows: list[Trial], folder: Path) -> None:
+    """Our mean errors, the reference's and the bound."""
+    theirs = published(folder)
+    figure = Figure(figsize=(9.0, 3.8), layout="constrained")
+    for axes, observation in zip(figure.subplots(1, 2, sharey=True), OBSERVATIONS, strict=True):
+        stds = sorted({r["std"] for r in rows if r["std"] > LEAST_STD})
+        for method in estimation.METHODS:
+            colour, label = COLOURS[method], LABELS[method]
+            means = [
+                np.mean(
+                    [
+                        r["error_squared"]
+                        for r in rows
+                        if r["observation"] == observation and is_of(r, method, s)
+                        if not r["error"]
+                    ]
+                )
+                for s in stds
+            ]
+            axes.plot(stds, means, color=colour, label=label)
+            other = theirs[observation, method]
+            noisy = other.stds > 0.0
+            axes.plot(
+                other.stds[noisy], other.errors[noisy], ":", color=colour,
+                label=f"{label}, reference",
+            )  # fmt: skip
+        limit = bound(observation) * np.array(stds) ** 2
+        axes.plot(stds, limit, "k--", lw=1.2, label="Cramer-Rao bound")
+        axes.set_yscale("log")
+        axes.set_xlabel("noise standard deviation [m, m/s]")
+        axes.set_title("full state" if observation == "full" else "positions only")
+    figure.axes[0].set_ylabel("mean of ||X - X_true||^2")
+    figure.axes[0].legend(fontsize=8)
+    figure.suptitle(
+        "The reference starts its descent at the true parameters, we at random ones", fontsize=9
+    )
+    save(figure, PICTURE)
+
+
 def run(setting: Setting) -> list[Result]:
-    """The study; `quick` has 2 noisy levels of 4 sequences, else 5 of 50."""
-    levels, sequences = (3, 4) if setting.quick else (6, 50)
+    """The study at the paper's size; `quick` has 2 noisy levels of 4 sequences."""
+    levels, sequences = (3, 4) if setting.quick else (50, 50)
     with tempfile.TemporaryDirectory() as folder:
+        begin = time.perf_counter()
         rows = estimation.study(Path(folder) / "estimation", levels, sequences)
+        minutes = (time.perf_counter() - begin) / 60.0
+    drawn = ""
+    if setting.reference is not None and not setting.quick:
+        picture(rows, setting.reference)
+        drawn = f" ![errors beside the reference's](images/{PICTURE.name})"
     equivalence: Row = {
         "quantity": "error of the best gamma = 1 fit, reference cost",
         "here": f"{reference_error():.4f}",
@@ -112,9 +207,12 @@ def run(setting: Setting) -> list[Result]:
         ),
         Result(
             "Accuracy against the Cramer-Rao bound",
-            f"Mean of ||X - X_true||^2 over {sequences} sequences, divided by the bound for 14 "
-            "parameters; 95 % intervals of the mean. 1 is what an efficient estimator reaches.",
-            against_bound(rows),
+            f"Mean of ||X - X_true||^2 over {sequences} sequences per level, divided by the bound "
+            "for 14 parameters: 1 is what an efficient estimator reaches. The bound is local and "
+            "knows nothing of limits on velocities and discount factors. Intervals: of discount "
+            f"factors that are not flagged as open. {len(rows)} estimates with all compilation: "
+            f"{minutes:.1f} minutes.{drawn}",
+            by_band(rows),
         ),
         Result(
             "Equivalence with the reference implementation",

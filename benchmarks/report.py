@@ -21,6 +21,8 @@ class Setting:
     quick: bool
     data: Path | None
     """Folder with recordings, for the study that needs one."""
+    reference: Path | None = None
+    """Folder with the reference implementation's raw results, drawn beside ours where given."""
 
 
 @dataclass(frozen=True)

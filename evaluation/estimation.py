@@ -126,6 +126,12 @@ def run_sequence(
         "gamma": found.gamma.tolist(),
         "gamma_deviation": found.gamma_deviation.tolist(),
         "gamma_covered": [bool(c) for c in covered],
+        "gamma_determined": [
+            bool(found.determined[found.names.index(f"gamma of {i}")])
+            if FREE[method].gamma
+            else True
+            for i in range(2)
+        ],
         "solves": int(found.iterations),
         "seconds": seconds,
     }
