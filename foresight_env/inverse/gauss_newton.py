@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from foresight_env.equilibrium.kkt import Parameters
@@ -63,6 +64,9 @@ class GaussNewton:
     way; each fit is where the next one begins. Takes at most a quarter of `max_iterations` each;
     left out where the caller has a guess."""
 
+    give_up: float | Scalar = np.inf
+    """Cost of the first game above which the search ends with it."""
+
     def __post_init__(self) -> None:
         if not is_traced(self) and not all(b > 0.0 for b in self.smoothing):
             raise ValueError(f"smoothing: is {self.smoothing}; expected positive numbers")
@@ -95,6 +99,7 @@ class GaussNewton:
             stiffness = jnp.where(state.solves == 0, stiffness, state.stiffness)
             pull = jnp.where(final, 0.0, stiffness)
             cost = trial.cost + jnp.sum(pull * (trial.values - values) ** 2)
+            hopeless = ~trial.success | ((state.solves == 0) & (cost > self.give_up))
             better = state.renewed | (trial.success & (cost < state.cost))
             tolerance = jnp.where(final, self.cost_tolerance, SMOOTH_TOLERANCE)
             small = trial.success & (jnp.abs(state.cost - cost) <= tolerance * state.cost)
@@ -125,7 +130,7 @@ class GaussNewton:
                 jnp.where(following, 0, state.steps + 1),
                 state.phase + following,
                 following,
-                jnp.where(state.renewed, ~trial.success, over & final),
+                jnp.where(state.renewed, hopeless, over & final),
             )
 
         values = jnp.clip(values, low, high)

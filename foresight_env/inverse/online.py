@@ -36,6 +36,10 @@ WORSE = 1.3
 """Rise of a larger misfit, as a ratio to the update before, after which one is; without a rise it
 is looked for once per window."""
 
+ASTRAY = 4.0
+"""Misfit of the first game of a fit from the last solution, as a ratio to the update before, above
+which the fit ends: the shifted solution has led to another equilibrium."""
+
 
 def quick_options(variance: float) -> Options:
     """Forward-solver settings for fits that are wanted in time.
@@ -110,7 +114,7 @@ class OnlineEstimator:
     """Settings; all that changes travels in `OnlineState`.
 
     `game` has the horizon `window - 1` plus what is to be predicted. `free` must free the initial
-    states. The first updates, with little data, and those after a failure use several starts.
+    states. The first updates, with little data, and those after a failure start afresh.
     """
 
     game: Game
@@ -125,11 +129,12 @@ class OnlineEstimator:
     """How much the noise deviation of an observation grows per step into the past. Above 1 where
     agents change their plans, so that old observations say less of what they will do."""
     starts: int = 2
+    """Discount factors to start from where there is no last solution."""
     careful_updates: int = 4
-    """Updates at the beginning that use several starts."""
+    """Updates at the beginning that start afresh."""
     options: Options | None = None
     """Of the forward solver; None: `quick_options` of the covariance."""
-    method: GaussNewton = GaussNewton(max_iterations=12, cost_tolerance=1e-3, smoothing=(3e-2,))
+    method: GaussNewton = GaussNewton(max_iterations=8, cost_tolerance=1e-3, smoothing=(3e-2,))
 
     def init(self, theta: Sequence[Theta], gamma: Any) -> OnlineState:
         """Nothing seen yet; `theta` and `gamma` are fixed values or first guesses."""
@@ -177,7 +182,7 @@ class OnlineEstimator:
         variance = self.covariance * self.aging ** (2.0 * age)
         covariance = variance[:, None, None] * np.eye(self.model.size)
 
-        def fit(start: Solution | None, count: int) -> Estimate:
+        def fit(start: Solution | None, count: int, worst: float = np.inf) -> Estimate:
             return estimate(
                 self.game,
                 padded,
@@ -188,7 +193,7 @@ class OnlineEstimator:
                 free=self.free,
                 covariance=covariance,
                 prior=prior,
-                method=self.method,
+                method=replace(self.method, give_up=worst),
                 starts=MultiStart(count),
                 guess=start,
                 options=self.options or quick_options(self.covariance),
@@ -201,17 +206,24 @@ class OnlineEstimator:
                 return np.inf
             return float(found.cost) if np.isfinite(found.covariance).all() else np.inf
 
+        def freedom(found: Estimate) -> int:
+            return max(seen - len(found.names), seen // 4, 1)
+
         def misfit_of(found: Estimate) -> float:
-            return max(1.0, cost_of(found) / max(seen - len(found.names), seen // 4, 1))
+            return max(1.0, cost_of(found) / freedom(found))
 
         # A game may have several equilibria. The last one is where the present one is expected;
         # where it explains the observations no longer, or never did well, they may speak for
-        # another: both are fitted, the better fit wins.
-        found = None if guess is None else fit(guess, 1)
-        misfit = np.inf if found is None else misfit_of(found)
+        # another: both are fitted, the better fit wins. From where the last one leads far astray
+        # it is not worth the time.
+        found, misfit = None, np.inf
+        if guess is not None and state.estimate is not None and not careful:
+            worst = ASTRAY * max(PLAUSIBLE, state.misfit) * freedom(state.estimate)
+            found = fit(guess, 1, worst)
+            misfit = misfit_of(found)
         due = misfit > WORSE * state.misfit or state.total % self.window == 0
-        if careful or (misfit > PLAUSIBLE and due):
-            other = fit(None, self.starts if careful else 1)
+        if found is None or (misfit > PLAUSIBLE and due):
+            other = fit(None, self.starts if guess is None else 1)
             if cost_of(other) < cost_of(found):
                 found, misfit = other, misfit_of(other)
         if found is None or not np.isfinite(misfit):

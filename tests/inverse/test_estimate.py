@@ -326,3 +326,15 @@ def test_only_trial_steps_give_up_early():
     assert np.isfinite(found.cost)
     patient = fit(played(), theta=crossing_theta(CROSSING_GOALS + 0.2))
     assert patient.cost < 1e-8
+
+
+def test_a_search_that_begins_astray_gives_up():
+    elsewhere = crossing_theta(CROSSING_GOALS + 0.3)
+    options = {"theta": elsewhere, "starts": MultiStart(1)}
+    given_up = fit(played(), method=GaussNewton(smoothing=(), give_up=1.0), **options)
+    assert int(given_up.iterations) == 1
+    assert given_up.cost > 1.0
+    np.testing.assert_array_equal(given_up.gamma, [0.8, 0.8])
+    gone_on = fit(played(), method=GaussNewton(smoothing=(), give_up=1e9), **options)
+    assert int(gone_on.iterations) > 1
+    assert gone_on.cost < 1e-8
