@@ -216,14 +216,16 @@ class OnlineEstimator:
         # where it explains the observations no longer, or never did well, they may speak for
         # another: both are fitted, the better fit wins. From where the last one leads far astray
         # it is not worth the time.
-        found, misfit = None, np.inf
+        found, misfit, given_up = None, np.inf, False
         if guess is not None and state.estimate is not None and not careful:
             worst = ASTRAY * max(PLAUSIBLE, state.misfit) * freedom(state.estimate)
             found = fit(guess, 1, worst)
-            misfit = misfit_of(found)
+            misfit, given_up = misfit_of(found), worst < cost_of(found) < np.inf
         due = misfit > WORSE * state.misfit or state.total % self.window == 0
         if found is None or (misfit > PLAUSIBLE and due):
             other = fit(None, self.starts if guess is None else 1)
+            if given_up and not np.isfinite(cost_of(other)):
+                other = fit(guess, 1)  # there is nothing better
             if cost_of(other) < cost_of(found):
                 found, misfit = other, misfit_of(other)
         if found is None or not np.isfinite(misfit):
@@ -236,7 +238,7 @@ class OnlineEstimator:
             gamma=found.gamma,
             beliefs=self._remember(state, belief),
             misfit=misfit,
-            present=self._present(state, found, misfit),
+            present=self._present(state, found, misfit - 1.0),
         )
 
     def _keep(self, state: OnlineState, sliding: bool) -> OnlineState:
@@ -257,14 +259,14 @@ class OnlineEstimator:
         return state._replace(
             estimate=old,
             beliefs=self._remember(state, belief),
-            present=self._present(state, old, state.misfit),
+            present=self._present(state, old, state.misfit),  # it has not seen the newest one
         )
 
     def _present(
-        self, state: OnlineState, found: Estimate, misfit: float
+        self, state: OnlineState, found: Estimate, inflation: float
     ) -> tuple[Float[np.ndarray, "_"], ...]:
         rates = found.state_jacobian[state.stage]
-        excess = (misfit - 1.0) * rates @ found.covariance @ rates.T
+        excess = inflation * rates @ found.covariance @ rates.T
         now = np.concatenate([s[state.stage] for s in found.solution.states])
         newest = state.observations[-1]
         return corrected(layout_of(self.game), self.model, now, excess, newest, self.covariance)

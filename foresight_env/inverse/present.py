@@ -34,8 +34,8 @@ def corrected(
 ) -> tuple[Float[np.ndarray, "_"], ...]:
     """Per-player states after a Kalman update of the joint `state`.
 
-    `excess` is the covariance of what the model, not the noise, gets wrong: the fit has used the
-    observation already, so with none there is nothing to correct.
+    `excess` is the covariance of what is not yet accounted for: where the fit has used the
+    observation already, of what the model, not the noise, gets wrong; else of the whole state.
     """
     seen = ~np.isnan(observation)
     with jax.enable_x64(True):

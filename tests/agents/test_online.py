@@ -129,6 +129,11 @@ def test_a_failed_fit_keeps_the_estimate(at, monkeypatch):
     ):
         np.testing.assert_array_equal(new[after.stage], old[before.stage + 1])
     assert len(after.observations) == min(at + 1, WINDOW)
+    # An observation that no fit has used moves the present all the same, if less than itself.
+    elsewhere = seen()[at].copy()
+    elsewhere[4] += 20.0 * STD
+    moved = made.update(before, elsewhere).present[1][0] - after.present[1][0]
+    assert STD < moved < 20.0 * STD
     monkeypatch.undo()
     again = made.update(after, seen()[at + 1])
     assert again.failures == 1
