@@ -28,9 +28,13 @@ SEQUENCES = 5
 STARTS = 4
 RATES = (1e-3, 1e-4, 1e-5, 1e-6)
 """Learning rates among which the best one is taken."""
+LONGER = GradientDescent(1.0, max_iterations=20_000, tolerance=1e-9)
+"""Algorithm 1 as far as it goes."""
 
 
-def algorithm_1(observation: str, sequence: int, rate: float) -> Estimate:
+def algorithm_1(
+    observation: str, sequence: int, rate: float, method: GradientDescent = GradientDescent(1.0)
+) -> Estimate:
     """The paper's Algorithm 1, one start, on the objective that `estimate` minimises too.
 
     A rate of `a` is a rate of 1 on an objective `a` times as large: so scaled, all rates share one
@@ -49,7 +53,7 @@ def algorithm_1(observation: str, sequence: int, rate: float) -> Estimate:
         free=FREE["foresight"],
         covariance=STD**2 / rate,
         prior=Prior(gamma_weight=1e-3 * rate),
-        method=GradientDescent(1.0),
+        method=method,
         starts=MultiStart(1),
     )
     return found._replace(cost=np.asarray(found.cost / rate))
@@ -64,12 +68,14 @@ class Descent(NamedTuple):
     solves: list[int]
 
 
-def descend(observation: str, sequences: int, rate: float) -> Descent:
+def descend(
+    observation: str, sequences: int, rate: float, method: GradientDescent = GradientDescent(1.0)
+) -> Descent:
     """Algorithm 1 on the first `sequences` sequences; failures count as infinite."""
     costs, seconds, solves = [], [], []
     for k in range(sequences):
         begin = time.perf_counter()
-        found = algorithm_1(observation, k, rate)
+        found = algorithm_1(observation, k, rate, method)
         seconds.append(time.perf_counter() - begin)
         solved = int(found.status) == Status.SOLVED
         costs.append(float(found.cost) if solved else np.inf)
@@ -95,10 +101,9 @@ def rows_of(observation: str, compiled: float | None) -> list[Row]:
         median_seconds(partial(fit, observation, STD, k, "foresight", starts=STARTS))
         for k in range(SEQUENCES)
     ]
-    descent = best_descent(observation)
-    time_ratio = np.median(np.array(descent.seconds) / seconds)
-    cost_ratio = np.median(np.array(descent.costs) / [float(f.cost) for f in found])
-    return [
+    published = best_descent(observation)
+    longer = descend(observation, SEQUENCES, published.rate, LONGER)
+    rows: list[Row] = [
         {
             "observed": observation,
             "method": f"Gauss-Newton, {STARTS} starts",
@@ -108,18 +113,23 @@ def rows_of(observation: str, compiled: float | None) -> list[Row]:
             "objective ratio": 1.0,
             "compile": "-" if compiled is None else f"{compiled:.1f} s",
             "yardstick": f"{1e3 * yardstick.seconds:.2f} ms",
-        },
-        {
-            "observed": observation,
-            "method": f"Algorithm 1, 1 start, rate {descent.rate:.0e}",
-            "seconds": yardstick.told(float(np.median(descent.seconds))),
-            "forward solves": f"{np.median(descent.solves):.0f}",
-            "time ratio": float(time_ratio),
-            "objective ratio": float(cost_ratio),
-            "compile": "-",
-            "yardstick": f"{1e3 * yardstick.seconds:.2f} ms",
-        },
+        }
     ]
+    for name, descent in (("", published), (", run on", longer)):
+        costs = np.array(descent.costs) / [float(f.cost) for f in found]
+        rows.append(
+            {
+                "observed": observation,
+                "method": f"Algorithm 1, 1 start, rate {descent.rate:.0e}{name}",
+                "seconds": yardstick.told(float(np.median(descent.seconds))),
+                "forward solves": f"{np.median(descent.solves):.0f}",
+                "time ratio": float(np.median(np.array(descent.seconds) / seconds)),
+                "objective ratio": float(np.median(costs)),
+                "compile": "-",
+                "yardstick": f"{1e3 * yardstick.seconds:.2f} ms",
+            }
+        )
+    return rows
 
 
 def run(setting: Setting) -> list[Result]:
@@ -132,7 +142,8 @@ def run(setting: Setting) -> list[Result]:
     note = (
         f"Crosswalk, T = 25, 14 unknowns, {SEQUENCES} noisy sequences (std {STD} m), discount "
         "factors started at random; medians. Ratios are to Gauss-Newton on the same sequences; an "
-        "objective ratio above 1 means that Algorithm 1 stopped short, within its 500 iterations. "
+        "objective ratio above 1 means that Algorithm 1 stopped short, within its 500 iterations; "
+        f"run on: up to {LONGER.max_iterations} iterations, until no step moves. "
         f"Its rate is the best of {', '.join(f'{r:.0e}' for r in RATES)}."
     )
     return [Result("Inverse solves", note, rows).show(setting.console)]

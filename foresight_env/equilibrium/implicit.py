@@ -44,18 +44,21 @@ class Equilibrium(NamedTuple):
     violation: Scalar
     iterations: Int[Array, ""]
     success: Bool[Array, ""]
+    began: Bool[Array, ""] | None = None
+    """Whether the first attempt came further than one step: else something was not finite there."""
 
 
 def _solve(layout: Layout, options: Options, parameters: Parameters, start: Start) -> Equilibrium:
     """Attempts until one succeeds; module `start` says where each begins."""
     accuracy = accuracy_of(options, start.barrier)
+    first = jnp.ones((), int) if start.near is None else jnp.where(start.near, 0, 1)
     attempts, limit = jnp.asarray(options.attempts), jnp.asarray(options.max_iterations)
     if start.trial is not None:
         attempts = jnp.where(start.trial, 1, attempts)
         limit = jnp.where(start.trial, options.trial_steps, limit)
 
     def attempt(state):
-        number, _, spent = state
+        number, last, spent = state
         begin = begin_attempt(layout, options, parameters, start, number)
         exact_below = options.exact_below * 10.0 ** jnp.maximum(number - 1, 0)
         local = None if start.near is None else number == 0
@@ -71,6 +74,7 @@ def _solve(layout: Layout, options: Options, parameters: Parameters, start: Star
             violation(ev),
             spent,
             converged(ev, accuracy),
+            last.began | converged(ev, accuracy) | ((number == first) & (iterations > 1)),
         )
         return number + 1, result, spent
 
@@ -87,8 +91,8 @@ def _solve(layout: Layout, options: Options, parameters: Parameters, start: Star
         infinite,
         zero,
         jnp.zeros((), bool),
+        jnp.zeros((), bool),
     )
-    first = jnp.ones((), int) if start.near is None else jnp.where(start.near, 0, 1)
     return jax.lax.while_loop(unsolved, attempt, (first, nothing, zero))[1]
 
 

@@ -17,6 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from foresight_env.equilibrium.diagnosis import check_start_is_finite
 from foresight_env.equilibrium.implicit import Equilibrium, equilibrium
 from foresight_env.equilibrium.interior_point import VIOLATED, Options, largest_multiplier
 from foresight_env.equilibrium.kkt import Iterate, Parameters
@@ -106,7 +107,10 @@ class Kind(IntEnum):
 def _solve_packed(
     layout: Layout, options: Options, parameters: Parameters, point: Iterate, kind: Array
 ) -> Float[Array, "packed"]:
-    """All of a `Solution` in one vector, which is handed over ten times as fast as its arrays."""
+    """All of a `Solution` in one vector, which is handed over ten times as fast as its arrays.
+
+    And, before its status, whether the solve could begin.
+    """
 
     def cold() -> Iterate:
         return from_controls(layout, options, parameters, jnp.zeros_like(point.u))
@@ -116,11 +120,16 @@ def _solve_packed(
 
     first = jax.lax.switch(kind, (cold, controls, lambda: point))
     start = Start(first, kind == Kind.SOLUTION)
-    found = to_solution(layout, equilibrium(layout, options, parameters, start), parameters)
+    raw = equilibrium(layout, options, parameters, start)
+    found = to_solution(layout, raw, parameters)
     states = jnp.concatenate(found.states, axis=1)
-    numbers = [jnp.asarray(v, float) for v in (found.status, found.iterations)]
+    numbers = [jnp.asarray(v, float) for v in (raw.began, found.status, found.iterations)]
     parts = (states, *found.point[1:], *numbers, found.residual, found.margin)
     return jnp.concatenate([jnp.ravel(v) for v in parts])
+
+
+NUMBERS = 5
+"""Scalars at the end of what is packed."""
 
 
 def _unpack(layout: Layout, packed: Any) -> Solution:
@@ -133,7 +142,7 @@ def _unpack(layout: Layout, packed: Any) -> Solution:
         packed[end - width : end].reshape(-1, size)
         for end, width, size in zip(ends, widths, sizes, strict=True)
     )
-    status, iterations, residual, margin = packed[ends[-1] :, None]
+    status, iterations, residual, margin = packed[ends[-1] + 1 :, None]
     return Solution(
         tuple(states[:, s] for s in layout.state_slices),
         tuple(u[:, s] for s in layout.control_slices),
@@ -162,8 +171,10 @@ def _solve_concrete(
     elif guess is not None:
         controls: Any = np.asarray(guess, dtype=float)
         kind, point = Kind.CONTROLS, point._replace(u=controls)
-    packed = _solve_packed(layout, options, parameters, point, np.asarray(int(kind)))
-    return _unpack(layout, np.asarray(packed))
+    packed = np.asarray(_solve_packed(layout, options, parameters, point, np.asarray(int(kind))))
+    if not packed[-NUMBERS]:
+        check_start_is_finite(layout, parameters, guess)
+    return _unpack(layout, packed)
 
 
 @partial(jax.jit, static_argnums=(0, 1))
@@ -216,7 +227,8 @@ def solve(
         `theta` and `gamma` are exact (implicit function theorem) and NaN where the solve failed.
 
     Raises:
-        ValueError: wrong shapes, non-finite numbers, or an initial state outside hard bounds.
+        ValueError: wrong shapes, non-finite numbers, an initial state outside hard bounds, or a
+            function that is not finite where the solve starts.
         SolveError: with `throw`, when the status is not `Status.SOLVED`.
     """
     layout = layout_of(game)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -13,6 +13,7 @@ import numpy as np
 
 from foresight_env.equilibrium.kkt import Parameters
 from foresight_env.equilibrium.layout import Layout, layout_of
+from foresight_env.equilibrium.named import parts_of
 from foresight_env.games.game import Game
 from foresight_env.games.types import Theta
 from foresight_env.precision import is_traced
@@ -131,43 +132,22 @@ def _check_functions(layout: Layout, structure: Any, shapes: tuple[tuple[int, ..
     x = tuple(jax.ShapeDtypeStruct((n,), float) for n in game.state_sizes)
     u = tuple(jax.ShapeDtypeStruct((m,), float) for m in game.control_sizes)
     t = jax.ShapeDtypeStruct((), int)
-
-    def check(
-        where: str, function: Callable[..., Any], arguments: tuple[Any, ...], shape: tuple[int, ...]
-    ) -> None:
-        name = getattr(function, "__name__", type(function).__name__)
+    for part in parts_of(game):
         try:
-            out = jax.eval_shape(lambda *a: jnp.asarray(function(*a)), *arguments)
+            out = jax.eval_shape(lambda *a, f=part.function: jnp.asarray(f(*a)), t, x, u, thetas)
         except KeyError as error:
-            raise ValueError(f"{where} ({name}): theta has no entry {error}; add it") from error
+            raise ValueError(f"{part.name}: theta has no entry {error}; add it") from error
         except Exception as error:
             raise ValueError(
-                f"{where} ({name}): cannot be evaluated on this game's states and controls: {error}"
+                f"{part.name}: cannot be evaluated on this game's states and controls: {error}"
             ) from error
-        if out.shape != shape:
-            wanted = "a scalar" if shape == () else f"shape {shape}, its stated size"
-            raise ValueError(f"{where} ({name}): returns shape {out.shape}; expected {wanted}")
-
+        if out.shape != part.shape:
+            wanted = "a scalar" if part.shape == () else f"shape {part.shape}, its stated size"
+            raise ValueError(f"{part.name}: returns shape {out.shape}; expected {wanted}")
     for i, player in enumerate(game.players):
-        dynamics = player.dynamics
-        check(f"players[{i}].dynamics", dynamics, (t, x[i], u[i]), (dynamics.state_size,))
-
-        def bind(function: Callable[..., Any], i: int = i) -> Callable[..., Any]:
-            def bound(t: Any, x: Any, u: Any, theta: Any) -> Any:
-                return function(i, t, x, u, theta)
-
-            bound.__name__ = getattr(function, "__name__", type(function).__name__)
-            return bound
-
-        for kind in ("costs", "undiscounted_costs"):
-            for k, cost in enumerate(getattr(player, kind)):
-                check(f"players[{i}].{kind}[{k}]", bind(cost), (t, x, u, thetas[i]), ())
-        for kind in ("inequalities", "equalities"):
-            for k, c in enumerate(getattr(player, kind)):
-                where = f"players[{i}].{kind}[{k}]"
-                check(where, bind(c.function), (t, x, u, thetas[i]), (c.size,))
-                price = getattr(c, "penalty", None)
-                if isinstance(price, str) and price not in thetas[i]:
-                    raise ValueError(f"{where}: theta has no entry {price!r} for its penalty")
-    for k, shared in enumerate(game.shared):
-        check(f"shared[{k}]", shared.function, (t, x, u, thetas), (shared.size,))
+        for k, inequality in enumerate(player.inequalities):
+            price = inequality.penalty
+            if isinstance(price, str) and price not in thetas[i]:
+                raise ValueError(
+                    f"players[{i}].inequalities[{k}]: theta has no entry {price!r} for its penalty"
+                )

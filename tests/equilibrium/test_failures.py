@@ -1,6 +1,6 @@
 """What cannot be solved says so, and bad input is refused by name."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import jax
@@ -187,13 +187,62 @@ def divided(i, t, x, u, theta):
     return jnp.sum(u[i] ** 2) / theta["divisor"]
 
 
+def distance(i, t, x, u, theta):
+    return jnp.linalg.norm(u[i])  # no derivative where nobody acts
+
+
+def logarithm(i, t, x, u, theta):
+    return jnp.reshape(jnp.log(x[i][0] - 1.0), (1,))
+
+
+def root(i, t, x, u, theta):
+    return jnp.sum(jnp.abs(u[i] - 1.0 * (t == 2)) ** 1.5)  # its curvature at 0 is infinite
+
+
+@dataclass(frozen=True)
+class Overflowing(DoubleIntegrator):
+    def __call__(self, t, state, control):
+        return super().__call__(t, state, control) / (t - 3)
+
+
+@pytest.mark.parametrize(
+    ("changes", "named"),
+    [
+        ({"costs": (divided,)}, r"costs\[0\] \(divided\): its value is not finite at stage 1"),
+        (
+            {"costs": (Goal(), distance)},
+            r"costs\[1\] \(distance\): its first derivative .* stage 1 .*small constant",
+        ),
+        ({"costs": (root,)}, r"costs\[0\] \(root\): its second derivative is not finite"),
+        (
+            {"inequalities": (Inequality(logarithm, 1),)},
+            r"players\[0\].inequalities\[0\] \(logarithm\): its value",
+        ),
+        (
+            {"dynamics": Overflowing(0.2)},
+            r"players\[0\].dynamics \(Overflowing\): its value is not finite at stage 3",
+        ),
+    ],
+    ids=["value", "first derivative", "second derivative", "constraint", "dynamics"],
+)
+def test_functions_that_are_not_finite_at_the_start_are_named(changes, named):
+    arguments = {"dynamics": DoubleIntegrator(0.2), "costs": (Goal(), Effort()), **changes}
+    game = Game((Player(**arguments),), 4)
+    theta = ({"divisor": 0.0, "goal": np.array([1.0, 0.0])},)
+    with pytest.raises(ValueError, match=named):
+        solve(game, np.zeros((1, 4)), theta, 0.9)
+
+
 def test_starts_that_are_not_finite_end_in_batches_too():
     game = Game((Player(DoubleIntegrator(0.2), (divided,)),), 3)
-    theta, x0 = ({"divisor": 0.0},), np.zeros((1, 4))
-    alone = solve(game, x0, theta, 0.9)
-    many = solve_many(game, np.zeros((2, 4)), theta, 0.9)
-    assert alone.status != Status.SOLVED
-    assert (many.status == alone.status).all()
+    many = solve_many(game, np.zeros((2, 4)), ({"divisor": 0.0},), 0.9)
+    assert (many.status == Status.DIVERGED).all()
+
+
+def test_a_guess_that_is_not_finite_is_refused():
+    game, theta = Game((Player(DoubleIntegrator(0.2), (Goal(), Effort())),), 3), GOAL
+    with pytest.raises(ValueError, match="guess: contains NaN or infinity"):
+        solve(game, np.zeros((1, 4)), theta, 0.9, guess=(np.full((3, 2), np.nan),))
 
 
 def roomy(i, t, x, u, theta):

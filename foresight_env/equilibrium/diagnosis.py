@@ -1,0 +1,53 @@
+"""Why a solve could not even begin: the functions that are not finite where it starts."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from foresight_env.equilibrium.kkt import Iterate, Parameters
+from foresight_env.equilibrium.layout import Layout
+from foresight_env.equilibrium.named import parts_of
+from foresight_env.equilibrium.start import rollout
+from foresight_env.games.types import AnyArray
+
+
+def check_start_is_finite(
+    layout: Layout, parameters: Parameters, guess: Iterate | AnyArray | None
+) -> None:
+    """Raise `ValueError` naming a function whose value or derivatives are NaN or infinite.
+
+    Looked at is the trajectory that a solve begins with: nobody acts, or the guess's controls.
+    """
+    if guess is not None and not all(np.isfinite(v).all() for v in jax.tree.leaves(guess)):
+        raise ValueError("guess: contains NaN or infinity; expected finite numbers")
+    controls: Any = guess.u if isinstance(guess, Iterate) else guess
+    with jax.enable_x64(True):
+        u = jnp.zeros((layout.game.horizon, layout.m)) if guess is None else jnp.asarray(controls)
+        x0 = jnp.asarray(parameters.x0)
+        after = rollout(layout, x0, u)
+        before = jnp.concatenate([x0[None], after[:-1]])
+        for part in parts_of(layout.game):
+            starts = before if part.name.partition(" ")[0].endswith("dynamics") else after
+
+            def value(t: Any, w: Any, part: Any = part) -> Any:
+                return jnp.asarray(part.function(t, *layout.split(w), parameters.theta))
+
+            derivatives = {
+                "value": value,
+                "first derivative": jax.jacfwd(value, argnums=1),
+                "second derivative": jax.jacfwd(jax.jacrev(value, argnums=1), argnums=1),
+            }
+            stages, points = jnp.arange(1, layout.game.horizon + 1), jnp.hstack([starts, u])
+            for kind, function in derivatives.items():
+                found = np.asarray(jax.vmap(function)(stages, points))
+                bad = ~np.isfinite(found).reshape(len(found), -1).all(axis=1)
+                if bad.any():
+                    raise ValueError(
+                        f"{part.name}: its {kind} is not finite at stage {int(bad.argmax()) + 1} "
+                        "of the trajectory that the solve starts from; functions must be smooth "
+                        "there (a square root or a norm at 0 is not: add a small constant inside)"
+                    )

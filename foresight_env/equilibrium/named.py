@@ -1,0 +1,48 @@
+"""A game's functions under the names by which messages call them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
+
+from foresight_env.games.game import Game
+
+
+class Part(NamedTuple):
+    """One of the functions that a user has written."""
+
+    name: str
+    """Place in the game and the function's own name: `players[0].costs[1] (Effort)`."""
+    function: Callable[..., Any]
+    """Of stage, everybody's states and controls, everybody's theta; for dynamics the states are
+    those that the stage starts from, else those that it leads to."""
+    shape: tuple[int, ...]
+    """What it must return."""
+
+
+def parts_of(game: Game) -> Iterator[Part]:
+    """Dynamics, costs and constraints, player by player, then what is shared."""
+    for i, player in enumerate(game.players):
+        dynamics = player.dynamics
+        yield Part(
+            _told(f"players[{i}].dynamics", dynamics),
+            lambda t, x, u, thetas, i=i, f=dynamics: f(t, x[i], u[i]),
+            (dynamics.state_size,),
+        )
+
+        def own(function: Callable[..., Any], i: int = i) -> Callable[..., Any]:
+            return lambda t, x, u, thetas: function(i, t, x, u, thetas[i])
+
+        for kind in ("costs", "undiscounted_costs"):
+            for k, cost in enumerate(getattr(player, kind)):
+                yield Part(_told(f"players[{i}].{kind}[{k}]", cost), own(cost), ())
+        for kind in ("inequalities", "equalities"):
+            for k, c in enumerate(getattr(player, kind)):
+                where = f"players[{i}].{kind}[{k}]"
+                yield Part(_told(where, c.function), own(c.function), (c.size,))
+    for k, shared in enumerate(game.shared):
+        yield Part(_told(f"shared[{k}]", shared.function), shared.function, (shared.size,))
+
+
+def _told(where: str, function: Any) -> str:
+    return f"{where} ({getattr(function, '__name__', type(function).__name__)})"
