@@ -122,13 +122,13 @@ def is_of(row: Trial, method: str, std: float) -> bool:
 
 
 def published(folder: Path) -> dict[tuple[str, str], Published]:
-    """The reference implementation's errors: a row per level, "m" and its std, then the errors."""
+    """The reference implementation's errors: a row per level, a letter and its std, then errors."""
     found = {}
     for observation, short in (("full", "fo"), ("positions", "po")):
         for method, name in (("foresight", "ours"), ("farsighted", "baseline")):
             lines = (folder / f"crosswalk_{short}_{name}.txt").read_text().splitlines()
             table = [line.split() for line in lines if line.strip()]
-            stds = np.array([float(row[0].removeprefix("m")) for row in table])
+            stds = np.array([float(row[0].lstrip("mb")) for row in table])
             errors = [np.array(row[1:], float) for row in table]
             # An error of exactly 0 under noise is no estimate.
             means = [e[e > 0.0].mean() if (e > 0.0).any() else 0.0 for e in errors]
@@ -143,9 +143,8 @@ class Published(NamedTuple):
     errors: np.ndarray
 
 
-def picture(rows: list[Trial], folder: Path) -> None:
+def picture(rows: list[Trial], theirs: dict[tuple[str, str], Published]) -> None:
     """Our mean errors, the reference's and the bound."""
-    theirs = published(folder)
     figure = Figure(figsize=(9.0, 3.8), layout="constrained")
     for axes, observation in zip(figure.subplots(1, 2, sharey=True), OBSERVATIONS, strict=True):
         stds = sorted({r["std"] for r in rows if r["std"] > LEAST_STD})
@@ -185,13 +184,14 @@ def picture(rows: list[Trial], folder: Path) -> None:
 def run(setting: Setting) -> list[Result]:
     """The study at the paper's size; `quick` has 2 noisy levels of 4 sequences."""
     levels, sequences = (3, 4) if setting.quick else (50, 50)
+    theirs = None if setting.reference is None else published(setting.reference)
     with tempfile.TemporaryDirectory() as folder:
         begin = time.perf_counter()
         rows = estimation.study(Path(folder) / "estimation", levels, sequences)
         minutes = (time.perf_counter() - begin) / 60.0
     drawn = ""
-    if setting.reference is not None and not setting.quick:
-        picture(rows, setting.reference)
+    if theirs is not None and not setting.quick:
+        picture(rows, theirs)
         drawn = f" ![errors beside the reference's](images/{PICTURE.name})"
     equivalence: Row = {
         "quantity": "error of the best gamma = 1 fit, reference cost",

@@ -229,6 +229,7 @@ def run(setting: Setting) -> list[Result]:
     for family in families():
         for size in family.sizes:
             with setting.console.status(f"{family.name}, N = {size[0]}, T = {size[1]}"):
+                jax.clear_caches()  # dozens of compiled classes exhaust XLA's memory for code
                 game = family.make(*size)
                 random = np.random.default_rng([*size, len(family.name)])
                 drawn = [family.draw(random, size[0], k) for k in range(count)]

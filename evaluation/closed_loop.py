@@ -28,6 +28,8 @@ EGO_GAMMA = 0.95
 OTHERS_GAMMA = (0.3, 1.0)
 MAX_STEPS = 100
 KEY = ("ego", "seed")
+SCHEMA = 2
+"""Raised when rows get other columns or mean something else: folders from before are refused."""
 INFERRING = ("foresight",)
 """Egos that infer the discount factors in their decisions; others know or assume them."""
 
@@ -140,7 +142,8 @@ def study(
 
     Episodes that the folder has already are not run again, unless `fresh`.
     """
-    store = Store(folder, "closed loop", setting.__dict__, KEY, fresh=fresh)
+    configuration = {**setting.__dict__, "schema": SCHEMA}
+    store = Store(folder, "closed loop", configuration, KEY, fresh=fresh)
     trials = [{"ego": e, "seed": s, **setting.__dict__} for s in seeds for e in egos]
     return run_trials(run_episode, trials, store, workers=workers, label="closed loop")
 

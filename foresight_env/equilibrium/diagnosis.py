@@ -20,7 +20,7 @@ def check_start_is_finite(
 ) -> None:
     """Raise `ValueError` naming a function whose value or derivatives are NaN or infinite.
 
-    Looked at is the trajectory that a solve begins with: nobody acts, or the guess's controls.
+    Looked at is the trajectory that a solve begins with: nobody acts, or the guess.
     """
     if guess is not None and not all(np.isfinite(v).all() for v in jax.tree.leaves(guess)):
         raise ValueError("guess: contains NaN or infinity; expected finite numbers")
@@ -28,10 +28,11 @@ def check_start_is_finite(
     with jax.enable_x64(True):
         u = jnp.zeros((layout.game.horizon, layout.m)) if guess is None else jnp.asarray(controls)
         x0 = jnp.asarray(parameters.x0)
-        after = rollout(layout, x0, u)
+        near = isinstance(guess, Iterate)
+        after = jnp.asarray(guess.x) if near else rollout(layout, x0, u)
         before = jnp.concatenate([x0[None], after[:-1]])
         for part in parts_of(layout.game):
-            starts = before if part.name.partition(" ")[0].endswith("dynamics") else after
+            starts = before if part.before else after
 
             def value(t: Any, w: Any, part: Any = part) -> Any:
                 return jnp.asarray(part.function(t, *layout.split(w), parameters.theta))

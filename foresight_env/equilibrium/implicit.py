@@ -45,7 +45,8 @@ class Equilibrium(NamedTuple):
     iterations: Int[Array, ""]
     success: Bool[Array, ""]
     began: Bool[Array, ""] | None = None
-    """Whether the first attempt came further than one step: else something was not finite there."""
+    """Whether the first attempt along the path began; else something was not finite where it was to
+    begin."""
 
 
 def _solve(layout: Layout, options: Options, parameters: Parameters, start: Start) -> Equilibrium:
@@ -54,8 +55,8 @@ def _solve(layout: Layout, options: Options, parameters: Parameters, start: Star
     first = jnp.ones((), int) if start.near is None else jnp.where(start.near, 0, 1)
     attempts, limit = jnp.asarray(options.attempts), jnp.asarray(options.max_iterations)
     if start.trial is not None:
-        attempts = jnp.where(start.trial, 1, attempts)
-        limit = jnp.where(start.trial, options.trial_steps, limit)
+        attempts = jnp.where(start.trial, jnp.minimum(attempts, 1), attempts)
+        limit = jnp.where(start.trial, jnp.minimum(limit, options.trial_steps), limit)
 
     def attempt(state):
         number, last, spent = state
@@ -74,7 +75,9 @@ def _solve(layout: Layout, options: Options, parameters: Parameters, start: Star
             violation(ev),
             spent,
             converged(ev, accuracy),
-            last.began | converged(ev, accuracy) | ((number == first) & (iterations > 1)),
+            last.began
+            | converged(ev, accuracy)
+            | ((number == 1) & ((iterations > 1) | jnp.isfinite(ev.error))),
         )
         return number + 1, result, spent
 

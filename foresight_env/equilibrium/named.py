@@ -18,6 +18,8 @@ class Part(NamedTuple):
     those that the stage starts from, else those that it leads to."""
     shape: tuple[int, ...]
     """What it must return."""
+    before: bool = False
+    """Whether it is a function of the states that a stage starts from (dynamics)."""
 
 
 def parts_of(game: Game) -> Iterator[Part]:
@@ -28,6 +30,7 @@ def parts_of(game: Game) -> Iterator[Part]:
             _told(f"players[{i}].dynamics", dynamics),
             lambda t, x, u, thetas, i=i, f=dynamics: f(t, x[i], u[i]),
             (dynamics.state_size,),
+            True,
         )
 
         def own(function: Callable[..., Any], i: int = i) -> Callable[..., Any]:

@@ -150,7 +150,7 @@ class Coordinates:
         for i, (least, most) in enumerate(
             zip(low[self.is_gamma], high[self.is_gamma], strict=True)
         ):
-            if least >= most:
+            if each[i].gamma and least >= most:
                 raise ValueError(
                     f"free[{i}].gamma_range: is {each[i].gamma_range}; player {i}'s discounting "
                     f"has gamma in {players[i].discounting.limits}"

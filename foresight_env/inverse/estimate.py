@@ -89,23 +89,29 @@ class MultiStart:
 
     The landscape has local minima and flat valleys: from one random start 2 to 5 fits of 8 find the
     best minimum. The first start is the caller's; the others take discount factors from a
-    low-discrepancy sequence over `gamma_range`, and other parameters from the caller and from the
-    best fit before them in turn. Starts are spared once a fit explains the observations to within
-    their noise.
+    low-discrepancy sequence over `gamma_range` (within that of `Free`), and other parameters from
+    the caller and from the best fit before them in turn. Starts are spared once a fit explains the
+    observations to within their noise.
     """
 
     count: int = 8
     gamma_range: tuple[float, float] = (0.3, 1.0)
 
     def spread(
-        self, values: Float[np.ndarray, "p"], open_gammas: Bool[np.ndarray, "p"]
+        self,
+        values: Float[np.ndarray, "p"],
+        open_gammas: Bool[np.ndarray, "p"],
+        limits: tuple[Float[np.ndarray, "p"], Float[np.ndarray, "p"]],
     ) -> Float[np.ndarray, "S p"]:
         """Starting vectors, the caller's first; just that one when no discount factor is free."""
         where = np.flatnonzero(open_gammas)
         if self.count < 2 or where.size == 0:
             return values[None]
         points = qmc.Halton(where.size, scramble=False).random(self.count)[1:]
-        low, high = self.gamma_range
+        least, most = (limit[where] for limit in limits)
+        low, high = np.maximum(self.gamma_range[0], least), np.minimum(self.gamma_range[1], most)
+        apart = low >= high  # where the two ranges have nothing in common, the limits count
+        low, high = np.where(apart, least, low), np.where(apart, most, high)
         starts = np.tile(values, (self.count, 1))
         starts[1:, where] = low + (high - low) * points
         return starts
@@ -283,7 +289,7 @@ def estimate(
         limits = coordinates.limits(free, chosen)
         check_start(coordinates, begin, *limits)
         data = Data(values, whiten, mean, root, chosen.astype(float), *limits)
-        initial = starts.spread(begin, coordinates.is_gamma & chosen)
+        initial = starts.spread(begin, coordinates.is_gamma & chosen, limits)
         padded = np.pad(initial, ((0, MOST_STARTS - len(initial)), (0, 0)), mode="edge")
         point = _tracked(problem, data, parameters) if warm is None else warm
         start = Start(point, np.asarray(warm is not None))

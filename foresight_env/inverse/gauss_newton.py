@@ -65,7 +65,7 @@ class GaussNewton:
     left out where the caller has a guess."""
 
     give_up: float | Scalar = np.inf
-    """Cost of the first game above which the search ends with it."""
+    """Cost of the first game above which a search from a caller's guess ends with it."""
 
     def __post_init__(self) -> None:
         if not is_traced(self) and not all(b > 0.0 for b in self.smoothing):
@@ -99,7 +99,8 @@ class GaussNewton:
             stiffness = jnp.where(state.solves == 0, stiffness, state.stiffness)
             pull = jnp.where(final, 0.0, stiffness)
             cost = trial.cost + jnp.sum(pull * (trial.values - values) ** 2)
-            hopeless = ~trial.success | ((state.solves == 0) & (cost > self.give_up))
+            astray_at_once = final & (state.solves == 0) & (cost > self.give_up)
+            hopeless = ~trial.success | astray_at_once
             better = state.renewed | (trial.success & (cost < state.cost))
             tolerance = jnp.where(final, self.cost_tolerance, SMOOTH_TOLERANCE)
             small = trial.success & (jnp.abs(state.cost - cost) <= tolerance * state.cost)

@@ -36,9 +36,10 @@ WORSE = 1.3
 """Rise of a larger misfit, as a ratio to the update before, after which one is; without a rise it
 is looked for once per window."""
 
-ASTRAY = 4.0
-"""Misfit of the first game of a fit from the last solution, as a ratio to the update before, above
-which the fit ends: the shifted solution has led to another equilibrium."""
+GIVE_UP = 4.0
+"""Misfit of the first game of a fit from the last solution, as a ratio to the update before (or to
+`PLAUSIBLE`, if that is larger), above which the fit ends: the shifted solution has led to another
+equilibrium."""
 
 
 def quick_options(variance: float) -> Options:
@@ -150,6 +151,13 @@ class OnlineEstimator:
                 f"{self.window}"
             )
         discounts = np.broadcast_to(np.asarray(gamma, float), (count,)).copy()
+        for i, (f, value) in enumerate(zip(each, discounts, strict=True)):
+            low, high = f.gamma_range
+            if f.gamma and not low <= value <= high:
+                raise ValueError(
+                    f"gamma[{i}]: starts at {value:g}; it is estimated in [{low:g}, {high:g}] "
+                    "(free.gamma_range)"
+                )
         return OnlineState((), (), None, None, tuple(theta), discounts, tuple(theta), 0, 0)
 
     def update(self, state: OnlineState, observation: Float[np.ndarray, "size"]) -> OnlineState:
@@ -175,7 +183,7 @@ class OnlineEstimator:
         guess = state.guess
         if guess is not None and sliding:
             guess = shift(guess)
-        careful = state.guess is None or state.total < self.careful_updates + 2
+        careful = state.total < self.careful_updates + 2
         prior = self._prior(state)
 
         age = np.maximum(len(observations) - 1 - np.arange(self.window), 0)
@@ -218,13 +226,13 @@ class OnlineEstimator:
         # it is not worth the time.
         found, misfit, given_up = None, np.inf, False
         if guess is not None and state.estimate is not None and not careful:
-            worst = ASTRAY * max(PLAUSIBLE, state.misfit) * freedom(state.estimate)
+            worst = GIVE_UP * max(PLAUSIBLE, state.misfit) * freedom(state.estimate)
             found = fit(guess, 1, worst)
             misfit, given_up = misfit_of(found), worst < cost_of(found) < np.inf
         due = misfit > WORSE * state.misfit or state.total % self.window == 0
         if found is None or (misfit > PLAUSIBLE and due):
             other = fit(None, self.starts if guess is None else 1)
-            if given_up and not np.isfinite(cost_of(other)):
+            if given_up and not cost_of(other) < cost_of(found):
                 other = fit(guess, 1)  # there is nothing better
             if cost_of(other) < cost_of(found):
                 found, misfit = other, misfit_of(other)
@@ -259,17 +267,29 @@ class OnlineEstimator:
         return state._replace(
             estimate=old,
             beliefs=self._remember(state, belief),
-            present=self._present(state, old, state.misfit),  # it has not seen the newest one
+            # The newest observation is not in it, and it is the less sure the older it is.
+            present=self._present(state, old, state.misfit, self.drift.state**2),
         )
 
     def _present(
-        self, state: OnlineState, found: Estimate, inflation: float
+        self, state: OnlineState, found: Estimate, inflation: float, widening: float = 0.0
     ) -> tuple[Float[np.ndarray, "_"], ...]:
         rates = found.state_jacobian[state.stage]
-        excess = inflation * rates @ found.covariance @ rates.T
+        excess = inflation * rates @ found.covariance @ rates.T + widening * np.eye(len(rates))
         now = np.concatenate([s[state.stage] for s in found.solution.states])
         newest = state.observations[-1]
-        return corrected(layout_of(self.game), self.model, now, excess, newest, self.covariance)
+        layout = layout_of(self.game)
+        states = corrected(layout, self.model, now, excess, newest, self.covariance)
+        return self._inside_bounds(states)
+
+    def _inside_bounds(
+        self, states: Sequence[Float[np.ndarray, "_"]]
+    ) -> tuple[Float[np.ndarray, "_"], ...]:
+        bounded = []
+        for player, s in zip(self.game.players, states, strict=True):
+            box = player.state_bounds
+            bounded.append(s if box is None else np.clip(s, box.lower[0], box.upper[0]))
+        return tuple(bounded)
 
     def _remember(self, state: OnlineState, belief: Belief) -> tuple[Belief, ...]:
         """Beliefs that windows to come may begin with."""
@@ -282,12 +302,7 @@ class OnlineEstimator:
         if state.estimate is None:
             return guess_initial_states(self.game, self.model, padded)
         moved = state.estimate.solution.states
-        states = [np.asarray(s[1 if sliding else 0]) for s in moved]
-        bounded = []
-        for player, s in zip(self.game.players, states, strict=True):
-            box = player.state_bounds
-            bounded.append(s if box is None else np.clip(s, box.lower[0], box.upper[0]))
-        return tuple(bounded)
+        return self._inside_bounds([np.asarray(s[1 if sliding else 0]) for s in moved])
 
     def _prior(self, state: OnlineState) -> Prior:
         """The arrival cost once the window has moved: the belief about its first stage."""

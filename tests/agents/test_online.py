@@ -209,6 +209,8 @@ def test_errors_name_the_argument():
     theta, gamma = MONTE_CARLO.theta, GAMMA
     with pytest.raises(ValueError, match=r"free: .*initial state"):
         estimator(free=(Free((), False, False), FREE[1])).init(theta, gamma)
+    with pytest.raises(ValueError, match=r"gamma\[1\]: starts at 1.3; it is estimated in \[0, 1\]"):
+        estimator().init(theta, [0.9, 1.3])
     with pytest.raises(ValueError, match=f"game: has horizon {HORIZON}; expected at least"):
         estimator(window=HORIZON + 1).init(theta, gamma)
 
@@ -259,3 +261,25 @@ def test_observations_of_another_size_are_refused():
         estimator(free=(Free(),)).init([{}, {}], 0.8)
     with pytest.raises(ValueError, match="free: an online estimator needs every player's initial"):
         estimator(free=Free()).init([{}, {}], 0.8)
+
+
+def test_a_fit_that_was_given_up_is_redone_where_nothing_is_better(monkeypatch):
+    """The shifted solution leads astray, and starting afresh finds nothing."""
+    made, states = run()
+    at = WINDOW + 1
+    fitted, asked = online.estimate, []
+
+    def astray(*arguments, **named):
+        given = named["method"].give_up
+        asked.append((named["guess"] is not None, float(given)))
+        found = fitted(*arguments, **named)
+        if named["guess"] is None:
+            return found._replace(status=np.asarray(int(Status.ITERATION_LIMIT)))
+        return found._replace(cost=np.asarray(10.0 * given)) if np.isfinite(given) else found
+
+    monkeypatch.setattr(online, "estimate", astray)
+    after = made.update(states[at], seen()[at])
+    assert [guessed for guessed, _ in asked] == [True, False, True]
+    assert np.isfinite([limit for _, limit in asked]).tolist() == [True, False, False]
+    assert after.failures == 0
+    assert after.misfit < 2.0

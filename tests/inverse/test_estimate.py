@@ -1,12 +1,18 @@
 """Inference from observations of small games whose parameters are known."""
 
-from functools import lru_cache
+from functools import lru_cache, partial
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from small_games import CROSSING_GAMMA, CROSSING_GOALS, CROSSING_STATES, crossing, crossing_theta
 
 from foresight_env.equilibrium import Options, Status, solve
+from foresight_env.equilibrium.implicit import equilibrium
+from foresight_env.equilibrium.layout import layout_of
+from foresight_env.equilibrium.start import begin
+from foresight_env.equilibrium.validation import check_parameters
 from foresight_env.games import full_state, positions
 from foresight_env.inverse import Free, GaussNewton, GradientDescent, MultiStart, Prior, estimate
 from foresight_env.scenarios.crosswalk import MONTE_CARLO, crosswalk_game
@@ -318,14 +324,35 @@ def test_discount_factors_are_looked_for_in_their_range():
         Free(gamma_range=(0.9, 0.2))
 
 
-def test_only_trial_steps_give_up_early():
-    """One Newton step solves no cold game: with no more patience even the first would fail."""
-    hasty = Options(trial_steps=1)
+def test_trial_solves_give_up_early():
+    """One Newton step solves no cold game; a fit's first game gets all the steps it needs."""
+    layout, hasty = layout_of(crossing()), Options(trial_steps=1)
+    with jax.enable_x64(True):
+        parameters = check_parameters(
+            crossing(), CROSSING_STATES, crossing_theta(), np.array(CROSSING_GAMMA)
+        )
+        start = begin(layout, hasty, jax.tree.map(jnp.asarray, parameters), None)
+        solve_from = jax.jit(partial(equilibrium, layout, hasty))
+        trial, real = (
+            solve_from(parameters, start._replace(trial=jnp.asarray(value)))
+            for value in (True, False)
+        )
+    assert not trial.success
+    assert int(trial.iterations) == 1
+    assert real.success
+    assert int(real.iterations) > 1
     found = fit(played(), theta=crossing_theta(CROSSING_GOALS + 0.2), options=hasty)
     assert found.status == Status.SOLVED
-    assert np.isfinite(found.cost)
-    patient = fit(played(), theta=crossing_theta(CROSSING_GOALS + 0.2))
-    assert patient.cost < 1e-8
+
+
+def test_starts_are_spread_over_the_range_that_is_searched():
+    values, open_gammas = np.zeros(3), np.array([False, True, True])
+    low, high = np.array([-np.inf, 0.0, 0.0]), np.array([np.inf, 0.25, 1.2])
+    starts = MultiStart(8, (0.3, 1.5)).spread(values, open_gammas, (low, high))[1:]
+    assert (starts[:, 0] == 0.0).all()
+    assert 0.0 < starts[:, 1].min() < starts[:, 1].max() < 0.25  # nothing in common: the limits
+    assert 0.3 < starts[:, 2].min() < 0.6
+    assert 0.9 < starts[:, 2].max() < 1.2
 
 
 def test_a_search_that_begins_astray_gives_up():
@@ -335,6 +362,11 @@ def test_a_search_that_begins_astray_gives_up():
     assert int(given_up.iterations) == 1
     assert given_up.cost > 1.0
     np.testing.assert_array_equal(given_up.gamma, [0.8, 0.8])
+    near = solve(crossing(), CROSSING_STATES, elsewhere, CROSSING_GAMMA)
+    usual = fit(played(), guess=near, method=GaussNewton(give_up=1.0), **options)
+    assert int(usual.iterations) == 1  # a guess leaves smoothing out
+    smoothed = fit(played(), method=GaussNewton(give_up=1.0), **options)
+    assert int(smoothed.iterations) > 1  # what a smoothed game costs is another matter
     gone_on = fit(played(), method=GaussNewton(smoothing=(), give_up=1e9), **options)
     assert int(gone_on.iterations) > 1
     assert gone_on.cost < 1e-8
