@@ -28,8 +28,7 @@ def check_start_is_finite(
     with jax.enable_x64(True):
         u = jnp.zeros((layout.game.horizon, layout.m)) if guess is None else jnp.asarray(controls)
         x0 = jnp.asarray(parameters.x0)
-        near = isinstance(guess, Iterate)
-        after = jnp.asarray(guess.x) if near else rollout(layout, x0, u)
+        after = jnp.asarray(guess.x if isinstance(guess, Iterate) else rollout(layout, x0, u))
         before = jnp.concatenate([x0[None], after[:-1]])
         for part in parts_of(layout.game):
             starts = before if part.before else after
