@@ -12,7 +12,7 @@ from agents.policy import Decision
 from foresight_env.envs.scene import Scene
 from foresight_env.equilibrium import Solution, Status, shift, solve
 from foresight_env.equilibrium.best_response import best_response_game, best_response_parameters
-from foresight_env.games import Game
+from foresight_env.games import Game, inside_bounds
 from foresight_env.games.types import Theta
 
 Guess = Solution | Sequence[Float[np.ndarray, "T _"]] | None
@@ -25,15 +25,6 @@ class Plan(NamedTuple):
     solution: Solution
     player: int
     """Which of the solved game's players the ego is."""
-
-
-def inside_bounds(game: Game, states: Sequence[Float[np.ndarray, "_"]]) -> list[np.ndarray]:
-    """States clipped into their players' bounds: estimates may lie just outside."""
-    out = []
-    for player, state in zip(game.players, states, strict=True):
-        box = player.state_bounds
-        out.append(state if box is None else np.clip(state, box.lower[0], box.upper[0]))
-    return out
 
 
 def brake(scene: Scene, state: Float[np.ndarray, "4"]) -> Float[np.ndarray, "2"]:

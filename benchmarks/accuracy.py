@@ -83,8 +83,7 @@ def by_band(rows: list[Trial]) -> list[Row]:
             ratios = {
                 method: np.array(
                     [
-                        np.mean([r["error_squared"] for r in good if is_of(r, method, std)])
-                        / (bound(observation) * std**2)
+                        mean_error(rows, observation, method, std) / (bound(observation) * std**2)
                         for std in band
                     ]
                 )
@@ -116,9 +115,11 @@ def by_band(rows: list[Trial]) -> list[Row]:
     return lines
 
 
-def is_of(row: Trial, method: str, std: float) -> bool:
-    """Whether a row belongs to a method and a noise level."""
-    return bool(row["method"] == method and row["std"] == std)
+def mean_error(rows: list[Trial], observation: str, method: str, std: float) -> float:
+    """Mean of `||X - X_true||^2` over the sequences of one noise level that did not break."""
+    wanted = (observation, method, std)
+    mine = [r for r in rows if (r["observation"], r["method"], r["std"]) == wanted]
+    return float(np.mean([r["error_squared"] for r in mine if not r["error"]]))
 
 
 def published(folder: Path) -> dict[tuple[str, str], Published]:
@@ -150,17 +151,7 @@ def picture(rows: list[Trial], theirs: dict[tuple[str, str], Published]) -> None
         stds = sorted({r["std"] for r in rows if r["std"] > LEAST_STD})
         for method in estimation.METHODS:
             colour, label = COLOURS[method], LABELS[method]
-            means = [
-                np.mean(
-                    [
-                        r["error_squared"]
-                        for r in rows
-                        if r["observation"] == observation and is_of(r, method, s)
-                        if not r["error"]
-                    ]
-                )
-                for s in stds
-            ]
+            means = [mean_error(rows, observation, method, s) for s in stds]
             axes.plot(stds, means, color=colour, label=label)
             other = theirs[observation, method]
             noisy = other.stds > 0.0

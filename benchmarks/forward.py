@@ -6,11 +6,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.planning import inside_bounds
 from benchmarks.report import Result, Row, Setting
 from benchmarks.timing import Yardstick, compile_seconds, median_seconds
 from foresight_env.equilibrium import Solution, Status, shift, solve, verify
-from foresight_env.games import Game
+from foresight_env.games import Game, inside_bounds
 from foresight_env.scenarios.crosswalk import MONTE_CARLO, Proximity, crosswalk_game
 
 PROXIMITIES: tuple[Proximity, ...] = ("soft", "hard", "reference")

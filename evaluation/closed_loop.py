@@ -29,7 +29,7 @@ OTHERS_GAMMA = (0.3, 1.0)
 MAX_STEPS = 100
 KEY = ("ego", "seed")
 SCHEMA = 2
-"""Raised when rows get other columns or mean something else: folders from before are refused."""
+"""Counted up when rows get other columns or mean something else: older folders are refused."""
 INFERRING = ("foresight",)
 """Egos that infer the discount factors in their decisions; others know or assume them."""
 

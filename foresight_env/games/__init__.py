@@ -19,7 +19,7 @@ from foresight_env.games.costs import (
 )
 from foresight_env.games.discounting import CustomDiscounting, Discounting, Exponential, Hyperbolic
 from foresight_env.games.dynamics import DoubleIntegrator, Dynamics, KinematicBicycle
-from foresight_env.games.game import Game, Player
+from foresight_env.games.game import Game, Player, inside_bounds
 from foresight_env.games.observations import ObservationModel, full_state, positions
 from foresight_env.games.stage import stage_cost
 
@@ -48,6 +48,7 @@ __all__ = [
     "SquaredDistanceHinge",
     "TargetSpeed",
     "full_state",
+    "inside_bounds",
     "positions",
     "stage_cost",
 ]

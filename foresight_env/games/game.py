@@ -9,7 +9,11 @@ Games are hashable: two equal games share one compiled solver.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
 
 from foresight_env.games.constraints import Bounds, Equality, Inequality, SharedInequality
 from foresight_env.games.discounting import Discounting, Exponential
@@ -122,3 +126,14 @@ class Game:
     def control_sizes(self) -> tuple[int, ...]:
         """Each player's control size."""
         return tuple(p.dynamics.control_size for p in self.players)
+
+
+def inside_bounds(
+    game: Game, states: Sequence[Float[np.ndarray, "_"]]
+) -> tuple[Float[np.ndarray, "_"], ...]:
+    """Per-player states (n_i,), clipped into their bounds: estimates may lie just outside."""
+    out = []
+    for player, state in zip(game.players, states, strict=True):
+        box = player.state_bounds
+        out.append(state if box is None else np.clip(state, box.lower[0], box.upper[0]))
+    return tuple(out)

@@ -19,7 +19,7 @@ from foresight_env.equilibrium.interior_point import Options
 from foresight_env.equilibrium.layout import layout_of
 from foresight_env.equilibrium.solve import Solution, shift
 from foresight_env.equilibrium.status import Status
-from foresight_env.games.game import Game
+from foresight_env.games.game import Game, inside_bounds
 from foresight_env.games.observations import ObservationModel
 from foresight_env.games.types import Theta
 from foresight_env.inverse.coordinates import Free
@@ -280,16 +280,7 @@ class OnlineEstimator:
         newest = state.observations[-1]
         layout = layout_of(self.game)
         states = corrected(layout, self.model, now, excess, newest, self.covariance)
-        return self._inside_bounds(states)
-
-    def _inside_bounds(
-        self, states: Sequence[Float[np.ndarray, "_"]]
-    ) -> tuple[Float[np.ndarray, "_"], ...]:
-        bounded = []
-        for player, s in zip(self.game.players, states, strict=True):
-            box = player.state_bounds
-            bounded.append(s if box is None else np.clip(s, box.lower[0], box.upper[0]))
-        return tuple(bounded)
+        return inside_bounds(self.game, states)
 
     def _remember(self, state: OnlineState, belief: Belief) -> tuple[Belief, ...]:
         """Beliefs that windows to come may begin with."""
@@ -302,7 +293,7 @@ class OnlineEstimator:
         if state.estimate is None:
             return guess_initial_states(self.game, self.model, padded)
         moved = state.estimate.solution.states
-        return self._inside_bounds([np.asarray(s[1 if sliding else 0]) for s in moved])
+        return inside_bounds(self.game, [np.asarray(s[1 if sliding else 0]) for s in moved])
 
     def _prior(self, state: OnlineState) -> Prior:
         """The arrival cost once the window has moved: the belief about its first stage."""

@@ -13,8 +13,8 @@ from small import HORIZON, STEPS, crossing, drive, ego
 
 import agents.planning
 from agents import EGOS, ConstantVelocity, Decision, Oracle, make_ego
-from agents.planning import inside_bounds
 from foresight_env.equilibrium import Status
+from foresight_env.games import inside_bounds
 from foresight_env.scenarios.crosswalk import CONTROL_LIMIT, DT, SPEED_LIMIT, crosswalk_game
 
 EGO = "pedestrian_0"
