@@ -2,12 +2,14 @@
 
 from foresight_env.inverse.bound import CramerRao, cramer_rao
 from foresight_env.inverse.coordinates import Free
-from foresight_env.inverse.estimate import Estimate, MultiStart, estimate
+from foresight_env.inverse.estimate import Estimate, estimate
 from foresight_env.inverse.gauss_newton import GaussNewton
 from foresight_env.inverse.gradient_descent import GradientDescent
 from foresight_env.inverse.initial import NeverSeenError, guess_initial_states
+from foresight_env.inverse.multi_start import MultiStart
 from foresight_env.inverse.online import Drift, OnlineEstimator, OnlineState
 from foresight_env.inverse.prior import Prior
+from foresight_env.inverse.profile import Profile
 
 __all__ = [
     "CramerRao",
@@ -21,6 +23,7 @@ __all__ = [
     "OnlineEstimator",
     "OnlineState",
     "Prior",
+    "Profile",
     "cramer_rao",
     "estimate",
     "guess_initial_states",

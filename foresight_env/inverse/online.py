@@ -23,7 +23,7 @@ from foresight_env.games.game import Game, inside_bounds
 from foresight_env.games.observations import ObservationModel
 from foresight_env.games.types import Theta
 from foresight_env.inverse.coordinates import Free
-from foresight_env.inverse.estimate import Estimate, MultiStart, estimate
+from foresight_env.inverse.estimate import Estimate, estimate
 from foresight_env.inverse.gauss_newton import GaussNewton
 from foresight_env.inverse.initial import NeverSeenError, guess_initial_states
 from foresight_env.inverse.present import corrected
