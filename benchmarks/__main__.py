@@ -27,6 +27,7 @@ class Study(StrEnum):
     RIVALS = "rivals"
     INVERSE = "inverse"
     ACCURACY = "accuracy"
+    INTERVALS = "intervals"
     ONLINE = "online"
     EGOS = "egos"
     STRESS = "stress"

@@ -13,18 +13,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from evaluation.metrics import trajectory_error
 from evaluation.store import Row, Store
 from evaluation.trials import run_trials
-from foresight_env.envs.style import INTERVAL_DEVIATIONS
 from foresight_env.equilibrium import Solution, Status, solve
 from foresight_env.games import ObservationModel, full_state, positions
 from foresight_env.inverse import (
     Estimate,
     Free,
     MultiStart,
+    Profile,
     cramer_rao,
     estimate,
     guess_initial_states,
@@ -81,7 +81,7 @@ def observe(
 
 def fit(
     observation: str, std: float, sequence: int, method: str, proximity: Proximity = "soft",
-    starts: int = 8,
+    starts: int = 8, profile: Profile | None = None,
 ) -> Estimate:  # fmt: skip
     """One estimate from one sequence."""
     game, model = crosswalk_game(2, proximity=proximity), observation_model(observation)
@@ -97,6 +97,7 @@ def fit(
         free=FREE[method],
         covariance=max(std, LEAST_STD) ** 2,
         starts=MultiStart(starts),
+        profile=profile,
     )
 
 
@@ -104,6 +105,12 @@ def fit(
 def warm_up(observation: str, proximity: Proximity) -> None:
     """Compile in this process what an estimate needs, so that times are those of running."""
     fit(observation, 0.0, 0, "farsighted", proximity, 1)
+
+
+def gamma_covered(found: Estimate) -> Bool[np.ndarray, "2"]:
+    """Which intervals hold the true discount factor."""
+    low, high = found.gamma_interval.T
+    return (low <= MONTE_CARLO.gamma) & (MONTE_CARLO.gamma <= high)
 
 
 def run_sequence(
@@ -115,17 +122,13 @@ def run_sequence(
     found = fit(observation, std, sequence, method, proximity, starts)
     seconds = time.perf_counter() - begin
     true = joint(truth(proximity))
-    covered = [
-        abs(found.gamma[i] - MONTE_CARLO.gamma[i]) <= INTERVAL_DEVIATIONS * found.gamma_deviation[i]
-        for i in range(2)
-    ]
     return {
         "error_squared": trajectory_error(joint(found.solution), true),
         "solved": int(found.status) == Status.SOLVED,
         "cost": float(found.cost),
         "gamma": found.gamma.tolist(),
         "gamma_deviation": found.gamma_deviation.tolist(),
-        "gamma_covered": [bool(c) for c in covered],
+        "gamma_covered": gamma_covered(found).tolist(),
         "gamma_determined": [
             bool(found.determined[found.names.index(f"gamma of {i}")])
             if FREE[method].gamma

@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Array, Float
 from scipy.stats import chi2
 
-from foresight_env.equilibrium.kkt import Parameters
+from foresight_env.equilibrium.kkt import Iterate, Parameters
 from foresight_env.equilibrium.start import Start
 from foresight_env.inverse.fit import Data, Fit, Problem, extrapolated
 from foresight_env.inverse.gauss_newton import GaussNewton
@@ -35,6 +35,8 @@ CLOSE = 0.15
 BETTER = 0.1
 """By how much a fit on the way has to be better to become the estimate: a chi-squared sum, in
 which one deviation is 1."""
+AFRESH = 3
+"""How many times `Profile.iterations` a fit may take that begins with a smoothed game."""
 RENEWALS = 3
 """Better minima after which no more are followed."""
 
@@ -71,13 +73,14 @@ class Profiled(NamedTuple):
     solves: int
 
 
-Refit = Callable[[Float[np.ndarray, "p"], int | None, Fit], Fit]
-"""Fit from parameters that start near a fit, all of them or all but one."""
+Refit = Callable[..., Fit]
+"""`refit(values, near, held=None, afresh=False)`: the fit that is found from `values` on, beginning
+near another fit, with one parameter held or with a smoothed game first."""
 
 
 @jax.jit
-def _near(fit: Fit, values: Float[Array, "p"]) -> Start:
-    return Start(extrapolated(fit, values), jax.numpy.asarray(True))
+def _near(fit: Fit, values: Float[Array, "p"]) -> Iterate:
+    return extrapolated(fit, values)
 
 
 _laplace = jax.jit(laplace, static_argnums=0)
@@ -88,37 +91,44 @@ def profiled(
 ) -> Profiled:
     """Walk from `fit` along every estimated discount factor, down and up."""
     solves = 0
+    walking = replace(method, max_iterations=profile.iterations, cost_tolerance=1e-3)
+    thorough = replace(walking, max_iterations=AFRESH * profile.iterations)
 
-    def refit(values: Float[np.ndarray, "p"], held: int | None, near: Fit) -> Fit:
+    def refit(
+        values: Float[np.ndarray, "p"], near: Fit, held: int | None = None, afresh: bool = False
+    ) -> Fit:
         nonlocal solves
         free = np.array(data.free)
         if held is not None:
             free[held] = 0.0
-        starts = np.tile(values, (MOST_STARTS, 1))
-        kept = data._replace(free=free)
-        quick = replace(method, max_iterations=profile.iterations, cost_tolerance=1e-3)
+        start = Start(_near(near, values), np.asarray(not afresh))
         found, spent, _ = search(
-            problem, quick, kept, base, starts, np.asarray(1), _near(near, values)
+            problem,
+            thorough if afresh else walking,
+            data._replace(free=free),
+            base,
+            np.tile(values, (MOST_STARTS, 1)),
+            np.asarray(1),
+            start,
         )
         solves += int(spent)
         return found
 
     gammas = np.flatnonzero(problem.coordinates.is_gamma)
     intervals = np.repeat(np.asarray(fit.values)[gammas, None], 2, axis=1)
-    todo = [(player, side) for player in range(len(gammas)) for side in (0, 1)]
-    todo = [(player, side) for player, side in todo if data.free[gammas[player]]]
-    left, renewals = list(todo), 0
+    sides = [(player, side) for player in range(len(gammas)) for side in (0, 1)]
+    sides = [(player, side) for player, side in sides if data.free[gammas[player]]]
+    left, renewals = list(sides), 0
     while left:
         player, side = left.pop(0)
-        end, better = _walk(
-            problem, data, fit, int(gammas[player]), (-1.0, 1.0)[side], profile, refit
-        )
+        sign = (-1.0, 1.0)[side]
+        end, best = _walk(problem, data, fit, int(gammas[player]), sign, profile, refit)
         intervals[player, side] = end
-        if better is not None and renewals < RENEWALS:
-            polished = refit(np.asarray(better.values), None, better)
-            fit = polished if polished.cost < better.cost else better
+        if best is not fit and renewals < RENEWALS:
+            polished = refit(np.asarray(best.values), best)
+            fit = polished if polished.cost < best.cost else best
             renewals += 1
-            left = list(todo)
+            left = list(sides)
     return Profiled(fit, intervals, solves)
 
 
@@ -130,49 +140,62 @@ def _walk(
     sign: float,
     profile: Profile,
     refit: Refit,
-) -> tuple[float, Fit | None]:
-    """Where the profile reaches its level on one side; or a better fit that was met before."""
-    values, lowest = np.asarray(center.values), float(center.cost)
+) -> tuple[float, Fit]:
+    """Where the profile reaches its level on one side, and the best fit on the way.
+
+    Where another fit than the center is best, the walk ends as soon as it rises again.
+    """
+    origin, best = float(center.values[at]), center
     wanted = np.sqrt(profile.rise)
-    limit = float((data.low if sign < 0 else data.high)[at])
-    reach = abs(limit - values[at])  # of the walk: all positions are distances from the center
+    reach = abs(float((data.low if sign < 0 else data.high)[at]) - origin)
+    if reach == 0.0:
+        return origin, center
     covariance = np.asarray(_laplace(problem, data, center)[0])
     slope = sign * covariance[at] / max(covariance[at, at], 1e-300)
     slope[at] = sign
+    # Places are distances from the center; roots are of the rise, and linear in them near it.
     inside, root_inside, nearest = 0.0, 0.0, center
     outside, root_outside = np.inf, np.inf
     step = np.clip(wanted * np.sqrt(covariance[at, at]), NARROWEST, WIDEST)
     for _ in range(profile.points):
         if np.isfinite(root_outside):
-            part = (wanted - root_inside) / (root_outside - root_inside)
-            place = inside + (outside - inside) * np.clip(part, 0.1, 0.9)
-        elif np.isfinite(outside):  # not solved there
-            place = 0.5 * (inside + outside)
+            place = _between(inside, outside, (wanted - root_inside) / (root_outside - root_inside))
+        elif np.isfinite(outside):  # no game was solved there
+            place = _between(inside, outside, 0.5)
         else:
-            place = inside + step
-        place = min(place, reach)
-        if place <= inside:
-            break
+            place = min(inside + step, reach)
         trial = np.asarray(nearest.values) + slope * (place - inside)
-        trial[at] = values[at] + sign * place
-        fit = refit(np.clip(trial, data.low, data.high), at, nearest)
-        rise = float(fit.cost) - lowest
-        if rise < -BETTER:
-            return values[at] + sign * place, fit
-        root = np.sqrt(max(rise, 0.0)) if fit.success else np.inf
+        trial[at] = origin + sign * place
+        trial = np.clip(trial, data.low, data.high)
+        fit = refit(trial, nearest, held=at)
+        if not fit.cost < best.cost + profile.rise:
+            again = refit(trial, nearest, held=at, afresh=True)
+            fit = again if again.cost < fit.cost else fit
+        if fit.cost < best.cost - BETTER:
+            best = fit
+        elif best is not center:
+            break
+        root = np.sqrt(max(float(fit.cost - best.cost), 0.0)) if fit.success else np.inf
         if root >= wanted:
             outside, root_outside = place, root
         else:
             slope = (np.asarray(fit.values) - np.asarray(nearest.values)) / (place - inside)
-            step = place * np.clip(1.05 * wanted / max(root, 1e-6), 1.1, GROWTH) - place
-            step = np.clip(step, NARROWEST, WIDEST)
+            growth = np.clip(1.05 * wanted / max(root, 1e-6), 1.1, GROWTH)
+            step = np.clip((growth - 1.0) * place, NARROWEST, WIDEST)
             inside, root_inside, nearest = place, root, fit
-            if place == reach:
-                break
-        if abs(root - wanted) <= CLOSE * wanted:
+        if inside >= reach or abs(root - wanted) <= CLOSE * wanted:
             break
-    if np.isfinite(root_outside):
+    if inside >= reach:
+        end = reach
+    elif np.isfinite(root_outside):
         part = (wanted - root_inside) / (root_outside - root_inside)
-        return values[at] + sign * (inside + (outside - inside) * part), None
-    # Never left: the limit; not solved beyond: the nearest place that was not.
-    return values[at] + sign * min(outside, reach), None
+        end = inside + part * (outside - inside)
+    elif np.isfinite(outside):
+        end = outside
+    else:
+        end = min(inside * np.clip(wanted / max(root_inside, 1e-6), 1.0, GROWTH), reach)
+    return origin + sign * end, best
+
+
+def _between(low: float, high: float, part: float) -> float:
+    return low + (high - low) * float(np.clip(part, 0.1, 0.9))

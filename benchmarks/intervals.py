@@ -1,0 +1,69 @@
+"""How often 90 % intervals of discount factors hold the truth: Laplace and profile likelihood."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+
+from benchmarks.report import Result, Row, Setting
+from benchmarks.timing import Yardstick
+from evaluation.estimation import OBSERVATIONS, fit, gamma_covered
+from foresight_env.inverse import Estimate, Profile
+from foresight_env.scenarios.crosswalk import MONTE_CARLO
+
+STDS = (0.005, 0.01, 0.02, 0.04, 0.08)
+"""Of the noise, m."""
+VARIANTS: dict[str, Profile | None] = {"Laplace": None, "profile": Profile()}
+
+
+def gamma_told(found: Estimate) -> np.ndarray:
+    """Which discount factors are not flagged as open."""
+    return np.array([found.determined[found.names.index(f"gamma of {i}")] for i in range(2)])
+
+
+def row(observation: str, std: float, variant: str, sequences: int, yardstick: Yardstick) -> Row:
+    """One line of the table."""
+    found, seconds = [], []
+    for k in range(sequences):
+        begin = time.perf_counter()
+        found.append(fit(observation, std, k, "foresight", profile=VARIANTS[variant]))
+        seconds.append(time.perf_counter() - begin)
+    covered = np.array([gamma_covered(f) for f in found])
+    told = np.array([gamma_told(f) for f in found])
+    errors = np.array([f.gamma - MONTE_CARLO.gamma for f in found])
+    widths = np.array([np.diff(f.gamma_interval)[:, 0] for f in found])
+    return {
+        "observed": observation,
+        "noise std [m]": std,
+        "intervals": variant,
+        "hold the truth": f"{covered.mean():.0%} ± {np.sqrt(0.9 * 0.1 / covered.size):.0%}",
+        "gamma open": f"{1.0 - told.mean():.0%}",
+        "hold it, not open": f"{covered[told].mean():.0%}" if told.any() else "-",
+        "width, median": float(np.median(widths)),
+        "error of gamma, rms": float(np.sqrt(np.mean(errors**2))),
+        "objective, mean": float(np.mean([f.cost for f in found])),
+        "forward solves, mean": int(np.mean([f.iterations for f in found])),
+        "time, median": yardstick.told(float(np.median(seconds))),
+    }
+
+
+def run(setting: Setting) -> list[Result]:
+    """The study; `quick` has one level of 4 sequences."""
+    sequences, stds = (4, STDS[1:2]) if setting.quick else (40, STDS)
+    yardstick = Yardstick.measure()
+    rows: list[Row] = []
+    for observation in OBSERVATIONS:
+        for profile in VARIANTS.values():
+            fit(observation, STDS[0], 0, "foresight", profile=profile)  # compiles
+        for std in stds:
+            for name in VARIANTS:
+                with setting.console.status(f"{observation}, {std:g} m, {name}"):
+                    rows.append(row(observation, std, name, sequences, yardstick))
+    note = (
+        f"Crosswalk, T = 25, 14 unknowns, {sequences} sequences of the Monte Carlo study per line, "
+        "both players' discount factors (true values 0.95 and 0.9). 90 % intervals; the deviation "
+        "is that of a share of 90 %. Objective: what fits minimise; the profile replaces a fit by "
+        f"a better one that it meets. {yardstick.note}"
+    )
+    return [Result("Intervals of discount factors", note, rows).show(setting.console)]
