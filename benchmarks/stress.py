@@ -6,6 +6,7 @@ import runpy
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import combinations
 from typing import Any, NamedTuple
 
 import jax
@@ -191,15 +192,48 @@ def families() -> list[Family]:
     ]
 
 
+def first_stage(bounds: Bounds) -> np.ndarray:
+    """Lower and upper bounds at the first stage, (2, size)."""
+    return np.array([bounds.lower[0], bounds.upper[0]])
+
+
+def proven_infeasible(game: Game, drawn: Drawn) -> bool:
+    """Whether two agents are too close at `x_2` whatever they do: then no solution exists.
+
+    `x_2`'s positions lie in boxes that bounds of controls and speeds give; two boxes whose
+    farthest points are closer than the constraint's distance cannot satisfy it. Says nothing
+    (False) of later stages and of games without a shared constraint of distance.
+    """
+    threshold = max(
+        (s.function.threshold for s in game.shared if isinstance(s.function, KeepAllApart)),
+        default=-np.inf,
+    )
+    low, high = (np.zeros((len(game.players), 2)) for _ in range(2))
+    for i, (player, state) in enumerate(zip(game.players, drawn.states, strict=True)):
+        dt = player.dynamics.dt
+        if isinstance(player.dynamics, KinematicBicycle):
+            ahead = state[2] * np.array([np.cos(state[3]), np.sin(state[3])])
+            low[i] = high[i] = state[:2] + dt * ahead  # no control acts on it yet
+        elif player.state_bounds is not None and player.control_bounds is not None:
+            force, limit = first_stage(player.control_bounds), first_stage(player.state_bounds)
+            for side, best, box in ((0, np.maximum, low), (1, np.minimum, high)):
+                speed = best(state[2:] + dt * force[side], limit[side, 2:])
+                box[i] = state[:2] + 0.5 * dt * (state[2:] + speed)
+    return any(
+        np.sum(np.maximum(np.abs(high[i] - low[j]), np.abs(high[j] - low[i])) ** 2) < threshold
+        for i, j in combinations(range(len(game.players)), 2)
+    )
+
+
 def situation_rows(name: str, size: tuple[int, int], drawn: Sequence[Drawn], found: Solution,
-                   verified: np.ndarray | None) -> list[Row]:  # fmt: skip
+                   proven: np.ndarray, verified: np.ndarray | None) -> list[Row]:  # fmt: skip
     """One line per situation of a class of games."""
     rows: list[Row] = []
     situations = np.array([d.situation for d in drawn])
     for situation in dict.fromkeys(situations):
         mine = situations == situation
         status = found.status[mine]
-        solved = status == Status.SOLVED
+        solved, infeasible = status == Status.SOLVED, status == Status.INFEASIBLE
         iterations = found.iterations[mine]
         rows.append(
             {
@@ -209,8 +243,9 @@ def situation_rows(name: str, size: tuple[int, int], drawn: Sequence[Drawn], fou
                 "situation": str(situation),
                 "games": str(mine.sum()),
                 "solved": f"{solved.mean():.1%}",
-                "infeasible": str((status == Status.INFEASIBLE).sum()),
-                "other failures": str((~solved & (status != Status.INFEASIBLE)).sum()),
+                "infeasible": str(infeasible.sum()),
+                "of them proven": str((infeasible & proven[mine]).sum()),
+                "other failures": str((~solved & ~infeasible).sum()),
                 "local equilibria": f"{verified[mine][solved].mean():.1%}"
                 if solved.any() and verified is not None
                 else "-",
@@ -225,7 +260,7 @@ def run(setting: Setting) -> list[Result]:
     """The study; `quick` draws a tenth of the games and verifies none."""
     count = 16 if setting.quick else 128
     rows: list[Row] = []
-    total = solved = feasible = not_finite = 0
+    total = solved = infeasible = unproven = not_finite = 0
     for family in families():
         for size in family.sizes:
             with setting.console.status(f"{family.name}, N = {size[0]}, T = {size[1]}"):
@@ -249,15 +284,21 @@ def run(setting: Setting) -> list[Result]:
             not_finite += int((good & ~finite).sum())
             total += count
             solved += int(good.sum())
-            feasible += int((found.status != Status.INFEASIBLE).sum())
+            labelled = found.status == Status.INFEASIBLE
+            proven = np.array([proven_infeasible(game, d) for d in drawn])
+            if (good & proven).any():
+                raise AssertionError(f"{family.name}: solved, and proven to have no solution")
+            infeasible += int(labelled.sum())
+            unproven += int((labelled & ~proven).sum())
             rows += situation_rows(
-                family.name, size, drawn, found, None if setting.quick else verified
+                family.name, size, drawn, found, proven, None if setting.quick else verified
             )
     note = (
         f"{total} random games, gamma uniform in {GAMMA} (undiscounted hinge: "
         f"{GAMMA_UNDISCOUNTED}), cold, tolerance 1e-8. Solved: {solved / total:.2%} of all, "
-        f"{solved / feasible:.2%} of those not labelled infeasible; {not_finite} of the solved "
-        "hold a number that is not finite. Local equilibria: of the solved, by `verify`"
-        + (" (not measured with --quick)." if setting.quick else ".")
+        f"{solved / (total - infeasible):.2%} of those not labelled infeasible; {infeasible} are, "
+        f"{unproven} of them without a proof (two agents too close after one step, whatever they "
+        f"do); {not_finite} of the solved hold a number that is not finite. Local equilibria: of "
+        "the solved, by `verify`" + (" (not measured with --quick)." if setting.quick else ".")
     )
     return [Result("Reliability", note, rows).show(setting.console)]

@@ -143,7 +143,7 @@ def _solve_lanes(
     def body(state: tuple[_Lane, Equilibrium, Array]) -> tuple[_Lane, Equilibrium, Array]:
         lanes, found, waiting = state
         lanes, result, solved, stuck = advance(of(parameters, lanes.number), lanes)
-        ended = solved | (stuck & (lanes.attempt >= options.attempts))
+        ended = solved | (stuck & (lanes.attempt >= len(options.start_barriers)))
         ended &= lanes.number < count
         # Lanes still at work write beyond the end, which is dropped.
         place = jnp.where(ended, lanes.number, count)

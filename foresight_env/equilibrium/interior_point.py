@@ -52,13 +52,13 @@ class Options:
     """Newton steps per attempt along the path."""
     barrier: float = 1e-9
     """Complementarity product at the solution: the solution is a smooth function of parameters."""
-    start_barrier: float = 0.1
-    """Complementarity product of a cold start."""
+    start_barriers: tuple[float, ...] = (1.0, 100.0, 0.1)
+    """Complementarity product at the start of each attempt along the path. The first attempt begins
+    at the start itself, later ones at controls nudged off any symmetry and with the exact curvature
+    used earlier. The first product takes the fewest steps in games of everyday size; costs in the
+    hundreds want a wide path, cars that just fit between others a narrow one."""
     exact_below: float = 1e-2
     """Residual below which curvature of proximity terms and constraints is used exactly."""
-    attempts: int = 3
-    """Attempts along the path: the first from the start itself, later ones from controls nudged off
-    any symmetry and with the exact curvature used earlier."""
     local_steps: int = 10
     """Local steps from a similar game's solution, before the path is followed from there."""
     trial_steps: int = 25

@@ -50,7 +50,7 @@ def rollout(
 
 
 def on_central_path(
-    layout: Layout, parameters: Parameters, x: Array, u: Array, barrier: float
+    layout: Layout, parameters: Parameters, x: Array, u: Array, barrier: Scalar
 ) -> Iterate:
     """Positive slacks and multipliers around a trajectory, their products equal to `barrier`.
 
@@ -83,12 +83,17 @@ def on_central_path(
 
 
 def from_controls(
-    layout: Layout, options: Options, parameters: Parameters, u: Float[AnyArray, "T m"]
+    layout: Layout,
+    options: Options,
+    parameters: Parameters,
+    u: Float[AnyArray, "T m"],
+    attempt: Int[Array, ""] | int = 1,
 ) -> Iterate:
     """The trajectory of these controls, far from all bounds of multipliers."""
     u = jnp.asarray(u)
     x = rollout(layout, parameters.x0, u)
-    return on_central_path(layout, parameters, x, u, options.start_barrier)
+    barrier = jnp.asarray(options.start_barriers)[attempt - 1]
+    return on_central_path(layout, parameters, x, u, barrier)
 
 
 def backed_off(layout: Layout, parameters: Parameters, point: Iterate) -> Iterate:
@@ -163,7 +168,7 @@ def begin_attempt(
         u = start.point.u
         phase = jnp.arange(u.size, dtype=u.dtype).reshape(u.shape)
         shifted = u + 0.5 * (number - 1) * jnp.sin(1.0 + 2.4 * phase)
-        return from_controls(layout, options, parameters, shifted)
+        return from_controls(layout, options, parameters, shifted, number)
 
     choices = (first, nudged) if start.near is None else (near, first, nudged)
     place = number - (start.near is None)

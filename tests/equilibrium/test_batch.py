@@ -57,7 +57,7 @@ def test_games_that_fail_leave_the_others_alone():
 
 def test_attempts_are_made_as_solve_makes_them():
     states, gamma = drawn(4)
-    options = Options(max_iterations=6, attempts=3)
+    options = Options(max_iterations=6)
     found = solve_many(crossing(), states, crossing_theta(), gamma, lanes=2, options=options)
     assert found.iterations.max() > 6
     for k in range(4):

@@ -254,7 +254,7 @@ def test_unused_penalties_do_not_make_a_game_infeasible():
     player = Player(
         DoubleIntegrator(0.2), (Goal(), Effort(0.1)), inequalities=(Inequality(roomy, 1, 1e4),)
     )
-    few = Options(max_iterations=2, attempts=1)
+    few = Options(max_iterations=2, start_barriers=(1.0,))
     theta = ({"goal": np.array([2.0, 0.0])},)
     found = solve(Game((player,), 4), np.zeros((1, 4)), theta, 0.9, options=few)
     assert found.status == Status.ITERATION_LIMIT
