@@ -1,5 +1,9 @@
 """The project as a whole: side effects of imports, versions, files, documentation that runs."""
 
+import builtins
+import dis
+import importlib
+import inspect
 import json
 import re
 import subprocess
@@ -51,6 +55,32 @@ def test_importing_changes_no_configuration_and_compiles_nothing():
 
 def sources():
     return [p for name in PACKAGES for p in (ROOT / name).rglob("*.py")]
+
+
+def unknown_globals(module):
+    """Names that functions of a module look up globally, and that nobody defines.
+
+    Linters cannot tell: words in jaxtyping's shapes look like names to them.
+    """
+    known = {*vars(module), *dir(builtins)}
+    code = [compile(Path(module.__file__).read_text(encoding="utf-8"), module.__name__, "exec")]
+    found = set()
+    while code:
+        part = code.pop()
+        code += [c for c in part.co_consts if inspect.iscode(c)]
+        found |= {i.argval for i in dis.get_instructions(part) if i.opname == "LOAD_GLOBAL"}
+    return found - known
+
+
+def test_every_name_is_defined():
+    modules = [
+        ".".join(p.relative_to(ROOT).with_suffix("").parts)
+        for p in sources()
+        if "tests" not in p.parts and "examples" not in p.parts and p.stem != "__main__"
+    ]
+    unknown = {name: unknown_globals(importlib.import_module(name)) for name in modules}
+    assert {name: names for name, names in unknown.items() if names} == {}
+    assert len(modules) > 80
 
 
 def test_nothing_unpickles():

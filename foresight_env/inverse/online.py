@@ -26,6 +26,7 @@ from foresight_env.inverse.coordinates import Free
 from foresight_env.inverse.estimate import Estimate, estimate
 from foresight_env.inverse.gauss_newton import GaussNewton
 from foresight_env.inverse.initial import NeverSeenError, guess_initial_states
+from foresight_env.inverse.multi_start import MultiStart
 from foresight_env.inverse.present import corrected
 from foresight_env.inverse.prior import Prior
 
