@@ -25,6 +25,7 @@ from foresight_env.games import (
     KeepAllApart,
     KeepApart,
     KinematicBicycle,
+    Lane,
     LaneCenter,
     Player,
     SharedInequality,
@@ -131,7 +132,7 @@ def lane_game(players: int, horizon: int) -> Game:
     """One lane per car, crossing under an angle; elastic collision cost."""
     made = []
     for i in range(players):
-        lane = LaneCenter((0.3 * (-1) ** i, 0.0))
+        lane = LaneCenter(Lane((0.3 * (-1) ** i, 0.0)))
         apart = Inequality(KeepApart(4.0), players - 1, 20.0)
         made.append(driver(lane, TargetSpeed("speed"), Effort(0.5), inequalities=(apart,)))
     return Game(tuple(made), horizon)

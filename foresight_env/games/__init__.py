@@ -12,7 +12,6 @@ from foresight_env.games.costs import (
     Composite,
     Effort,
     Goal,
-    LaneCenter,
     SigmoidProximity,
     SquaredDistanceHinge,
     TargetSpeed,
@@ -21,10 +20,20 @@ from foresight_env.games.discounting import CustomDiscounting, Discounting, Expo
 from foresight_env.games.dynamics import DoubleIntegrator, Dynamics, KinematicBicycle
 from foresight_env.games.game import Game, Player, inside_bounds
 from foresight_env.games.observations import ObservationModel, full_state, positions
+from foresight_env.games.roads import (
+    BesideRoads,
+    Circle,
+    Lane,
+    LaneCenter,
+    OutsideCircles,
+    RoadSide,
+)
 from foresight_env.games.stage import stage_cost
 
 __all__ = [
+    "BesideRoads",
     "Bounds",
+    "Circle",
     "Composite",
     "CustomDiscounting",
     "Discounting",
@@ -40,9 +49,12 @@ __all__ = [
     "KeepAllApart",
     "KeepApart",
     "KinematicBicycle",
+    "Lane",
     "LaneCenter",
     "ObservationModel",
+    "OutsideCircles",
     "Player",
+    "RoadSide",
     "SharedInequality",
     "SigmoidProximity",
     "SquaredDistanceHinge",

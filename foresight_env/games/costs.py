@@ -110,29 +110,6 @@ class SigmoidProximity:
 
 
 @dataclass(frozen=True)
-class LaneCenter:
-    """`w * (py - polynomial(px))^2`: squared distance to the lane's centre line (paper, VI-B).
-
-    `coefficients`: highest power first, as `numpy.polyfit` returns them; metres.
-    """
-
-    coefficients: tuple[float, ...]
-    weight: Weight = 1.0
-
-    def inner(
-        self, i: int, t: StageNumber, x: States, u: Controls, theta: Theta
-    ) -> Float[Array, "1"]:
-        center = jnp.polyval(jnp.asarray(self.coefficients), x[i][0])
-        return jnp.reshape(x[i][1] - center, (1,))
-
-    def outer(self, value: Float[Array, "1"], theta: Theta) -> Scalar:
-        return weight_value(self.weight, theta) * jnp.sum(value**2)
-
-    def __call__(self, i: int, t: StageNumber, x: States, u: Controls, theta: Theta) -> Scalar:
-        return self.outer(self.inner(i, t, x, u, theta), theta)
-
-
-@dataclass(frozen=True)
 class TargetSpeed:
     """`w * (v - target)^2` for states whose third entry is the speed (m/s), as a bicycle's."""
 

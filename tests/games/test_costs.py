@@ -9,6 +9,7 @@ from foresight_env.games import (
     Composite,
     Effort,
     Goal,
+    Lane,
     LaneCenter,
     SigmoidProximity,
     SquaredDistanceHinge,
@@ -54,7 +55,9 @@ def test_formulas(i, weight, number):
         * sum(1.0 / (1.0 + np.exp(4.0 * (gap(i, j) - 1.1))) for j in others),
         SigmoidProximity(1.0, weight, 10.0, (1,)): number
         * sum(1.0 / (1.0 + np.exp(10.0 * (gap(i, j) - 1.0))) for j in others if j == 1),
-        LaneCenter((2.0, -1.0, 0.5), weight): number * (p[1] - (2.0 * p[0] ** 2 - p[0] + 0.5)) ** 2,
+        LaneCenter(Lane((2.0, -1.0, 0.5)), weight): number
+        * (p[1] - (2.0 * p[0] ** 2 - p[0] + 0.5)) ** 2
+        / (1.0 + (4.0 * p[0] - 1.0) ** 2),
         TargetSpeed("v", weight): number * (X[i][2] - 0.9) ** 2,
         TargetSpeed(1.4, weight): number * (X[i][2] - 1.4) ** 2,
     }
@@ -63,7 +66,9 @@ def test_formulas(i, weight, number):
 
 
 @pytest.mark.parametrize(
-    "cost", [SquaredDistanceHinge("d", "w"), LaneCenter((0.3, 0.1), "w")], ids=["hinge", "lane"]
+    "cost",
+    [SquaredDistanceHinge("d", "w"), LaneCenter(Lane((0.3, 0.1)), "w")],
+    ids=["hinge", "lane"],
 )
 def test_composite_is_outer_of_inner_and_outer_is_convex(cost):
     assert isinstance(cost, Composite)

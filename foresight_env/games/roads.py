@@ -1,0 +1,173 @@
+"""What roads forbid and prefer: corners, road sides and lane centres (paper, section VI-B).
+
+Geometry is part of the game, in metres; what an agent makes of it (weights) is in `theta`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from foresight_env.games.costs import Weight, weight_value
+from foresight_env.games.types import Controls, Scalar, StageNumber, States, Theta
+
+Point = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Circle:
+    """A disc that must not be entered: a building's corner, an island."""
+
+    center: Point
+    radius: float
+
+    @staticmethod
+    def through(a: Point, b: Point, c: Point) -> Circle:
+        """The circle through three points; `ValueError` where they lie on one line."""
+        points = np.array([a, b, c], dtype=float)
+        # ||p - m||^2 = r^2 for all three, differences of pairs: linear in m.
+        matrix = 2.0 * (points[1:] - points[0])
+        if abs(np.linalg.det(matrix)) < 1e-9 * max(1.0, float(np.abs(points).max())):
+            raise ValueError(f"a, b, c: {a}, {b}, {c} lie on one line; no circle goes through them")
+        right = np.sum(points[1:] ** 2 - points[0] ** 2, axis=1)
+        center = np.linalg.solve(matrix, right)
+        x, y = (float(v) for v in center)
+        return Circle((x, y), float(np.linalg.norm(points[0] - center)))
+
+
+@dataclass(frozen=True)
+class RoadSide:
+    """The side of a road that leaves an intersection at `start` and runs through `end` and on.
+
+    Behind `start`, where the road opens into the intersection, nothing is forbidden.
+    """
+
+    start: Point
+    end: Point
+    road: Literal["left", "right"]
+    """Where the road is, seen from `start` to `end`."""
+
+    def __post_init__(self) -> None:
+        if self.road not in ("left", "right"):
+            raise ValueError(f'road: is {self.road!r}; expected "left" or "right"')
+        if self.start == self.end:
+            raise ValueError(f"start, end: are both {self.start}; a road side needs a direction")
+
+
+@dataclass(frozen=True)
+class OutsideCircles:
+    """`||p - center||^2 - (shrink * radius)^2` for every circle, (circles,), m^2."""
+
+    circles: tuple[Circle, ...]
+    shrink: float = 1.0
+
+    def __call__(
+        self, i: int, t: StageNumber, x: States, u: Controls, theta: Theta
+    ) -> Float[Array, "circles"]:
+        centers = jnp.asarray([c.center for c in self.circles])
+        radii = self.shrink * jnp.asarray([c.radius for c in self.circles])
+        return jnp.sum((x[i][:2] - centers) ** 2, axis=1) - radii**2
+
+
+@dataclass(frozen=True)
+class BesideRoads:
+    """Signed distance (m) to every road side, positive on the road, (sides,).
+
+    A sigmoid along the side lifts it by `lift` metres behind `start`: with `sharpness` (1/m) the
+    side fades out within a few metres.
+    """
+
+    sides: tuple[RoadSide, ...]
+    sharpness: float = 2.0
+    lift: float = 50.0
+
+    def __call__(
+        self, i: int, t: StageNumber, x: States, u: Controls, theta: Theta
+    ) -> Float[Array, "sides"]:
+        starts = np.array([s.start for s in self.sides])
+        along = np.array([s.end for s in self.sides]) - starts
+        along = along / np.linalg.norm(along, axis=1, keepdims=True)
+        sign = np.array([1.0 if s.road == "left" else -1.0 for s in self.sides])
+        inward = sign[:, None] * np.stack([-along[:, 1], along[:, 0]], axis=1)
+        offset = x[i][:2] - starts
+        ahead = jnp.sum(offset * along, axis=1)
+        lift = self.lift * jax.nn.sigmoid(-self.sharpness * ahead)
+        return jnp.sum(offset * inward, axis=1) + lift
+
+
+@dataclass(frozen=True)
+class Lane:
+    """A lane's centre line: `across = polynomial(ahead)` in a frame at `origin`, turned by `angle`.
+
+    `coefficients`: highest power first, as `numpy.polyfit` returns them; metres.
+    """
+
+    coefficients: tuple[float, ...]
+    origin: Point = (0.0, 0.0)
+    angle: float = 0.0
+
+    @staticmethod
+    def fit(points: Float[np.ndarray, "K 2"], degree: int = 4) -> Lane:
+        """Least squares through points of the centre line, in the frame of its first and last."""
+        places = np.asarray(points, dtype=float)
+        if places.ndim != 2 or places.shape[1] != 2 or len(places) < 2:
+            raise ValueError(f"points: have shape {places.shape}; expected (K, 2), K at least 2")
+        if not np.isfinite(places).all():
+            raise ValueError("points: hold NaN or infinity; leave missing points out")
+        chord = places[-1] - places[0]
+        length = float(np.hypot(*chord))
+        if length == 0.0:
+            raise ValueError("points: begin and end at the same place; a lane needs a direction")
+        angle = float(np.arctan2(chord[1], chord[0]))
+        cosine, sine = chord / length
+        turned = (places - places[0]) @ np.array([[cosine, -sine], [sine, cosine]])
+        # No more powers than there are different places ahead to tell them apart.
+        spots = len(np.unique(np.round(turned[:, 0], 3)))
+        powers = np.polyfit(turned[:, 0], turned[:, 1], min(degree, spots - 1))
+        return Lane(
+            tuple(float(c) for c in powers), (float(places[0, 0]), float(places[0, 1])), angle
+        )
+
+    def offset(self, position: Float[Array, "2"]) -> Scalar:
+        """Distance (m) to the centre line, to first order, positive on its left.
+
+        The distance across the frame over `sqrt(1 + slope^2)`: exact for a straight lane.
+        """
+        cosine, sine = np.cos(self.angle), np.sin(self.angle)
+        relative = position - jnp.asarray(self.origin)
+        ahead = cosine * relative[0] + sine * relative[1]
+        across = cosine * relative[1] - sine * relative[0]
+        powers = np.asarray(self.coefficients)
+        slope = jnp.polyval(jnp.asarray(np.polyder(powers)), ahead)
+        return (across - jnp.polyval(jnp.asarray(powers), ahead)) / jnp.sqrt(1.0 + slope**2)
+
+    def points(self, ahead: Float[np.ndarray, "K"]) -> Float[np.ndarray, "K 2"]:
+        """Places on the centre line at these distances along the frame, for pictures."""
+        across = np.polyval(np.asarray(self.coefficients), ahead)
+        cosine, sine = np.cos(self.angle), np.sin(self.angle)
+        turned = np.stack([cosine * ahead - sine * across, sine * ahead + cosine * across], axis=1)
+        return turned + np.asarray(self.origin)
+
+
+@dataclass(frozen=True)
+class LaneCenter:
+    """`w * offset^2`: squared distance to the lane's centre line (paper, section VI-B)."""
+
+    lane: Lane
+    weight: Weight = 1.0
+
+    def inner(
+        self, i: int, t: StageNumber, x: States, u: Controls, theta: Theta
+    ) -> Float[Array, "1"]:
+        return jnp.reshape(self.lane.offset(x[i][:2]), (1,))
+
+    def outer(self, value: Float[Array, "1"], theta: Theta) -> Scalar:
+        return weight_value(self.weight, theta) * jnp.sum(value**2)
+
+    def __call__(self, i: int, t: StageNumber, x: States, u: Controls, theta: Theta) -> Scalar:
+        return self.outer(self.inner(i, t, x, u, theta), theta)
