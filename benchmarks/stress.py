@@ -193,9 +193,10 @@ def families() -> list[Family]:
     ]
 
 
-def first_stage(bounds: Bounds) -> np.ndarray:
-    """Lower and upper bounds at the first stage, (2, size)."""
-    return np.array([bounds.lower[0], bounds.upper[0]])
+def first_stage(bounds: Bounds | None, size: int) -> np.ndarray:
+    """Lower and upper bounds at the first stage, (2, size); infinite where there are none."""
+    box = bounds or Bounds.box(-np.inf, np.inf, size)
+    return np.array([box.lower[0], box.upper[0]])
 
 
 def proven_infeasible(game: Game, drawn: Drawn) -> bool:
@@ -209,14 +210,16 @@ def proven_infeasible(game: Game, drawn: Drawn) -> bool:
         (s.function.threshold for s in game.shared if isinstance(s.function, KeepAllApart)),
         default=-np.inf,
     )
-    low, high = (np.zeros((len(game.players), 2)) for _ in range(2))
+    high = np.full((len(game.players), 2), np.inf)
+    low = -high
     for i, (player, state) in enumerate(zip(game.players, drawn.states, strict=True)):
         dt = player.dynamics.dt
         if isinstance(player.dynamics, KinematicBicycle):
             ahead = state[2] * np.array([np.cos(state[3]), np.sin(state[3])])
             low[i] = high[i] = state[:2] + dt * ahead  # no control acts on it yet
-        elif player.state_bounds is not None and player.control_bounds is not None:
-            force, limit = first_stage(player.control_bounds), first_stage(player.state_bounds)
+        elif isinstance(player.dynamics, DoubleIntegrator):
+            force = first_stage(player.control_bounds, 2)
+            limit = first_stage(player.state_bounds, 4)
             for side, best, box in ((0, np.maximum, low), (1, np.minimum, high)):
                 speed = best(state[2:] + dt * force[side], limit[side, 2:])
                 box[i] = state[:2] + 0.5 * dt * (state[2:] + speed)
@@ -297,9 +300,10 @@ def run(setting: Setting) -> list[Result]:
     note = (
         f"{total} random games, gamma uniform in {GAMMA} (undiscounted hinge: "
         f"{GAMMA_UNDISCOUNTED}), cold, tolerance 1e-8. Solved: {solved / total:.2%} of all, "
-        f"{solved / (total - infeasible):.2%} of those not labelled infeasible; {infeasible} are, "
-        f"{unproven} of them without a proof (two agents too close after one step, whatever they "
-        f"do); {not_finite} of the solved hold a number that is not finite. Local equilibria: of "
-        "the solved, by `verify`" + (" (not measured with --quick)." if setting.quick else ".")
+        f"{solved / (total - infeasible):.2%} of those not labelled infeasible. {infeasible} are "
+        f"labelled so; it is proven for all but {unproven} of them, since two agents are too close "
+        f"after one step whatever they do. {not_finite} of the solved hold a number that is not "
+        "finite. Local equilibria: of the solved, by `verify`"
+        + (" (not measured with --quick)." if setting.quick else ".")
     )
     return [Result("Reliability", note, rows).show(setting.console)]

@@ -54,9 +54,10 @@ class Options:
     """Complementarity product at the solution: the solution is a smooth function of parameters."""
     start_barriers: tuple[float, ...] = (1.0, 100.0, 0.1)
     """Complementarity product at the start of each attempt along the path. The first attempt begins
-    at the start itself, later ones at controls nudged off any symmetry and with the exact curvature
-    used earlier. The first product takes the fewest steps in games of everyday size; costs in the
-    hundreds want a wide path, cars that just fit between others a narrow one."""
+    at the start itself (from a similar game's solution, with that one's products), later ones at
+    controls nudged off any symmetry and with the exact curvature used earlier. The first product
+    takes the fewest steps in games of everyday size; costs in the hundreds want a wide path, cars
+    that just fit between others a narrow one."""
     exact_below: float = 1e-2
     """Residual below which curvature of proximity terms and constraints is used exactly."""
     local_steps: int = 10
@@ -64,6 +65,13 @@ class Options:
     trial_steps: int = 25
     """Newton steps of the one attempt along the path that a fit's trial step gets: parameters whose
     game is not solved soon are no step to take."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "start_barriers", tuple(self.start_barriers))
+        if not self.start_barriers or not all(b > 0.0 for b in self.start_barriers):
+            raise ValueError(
+                f"start_barriers: is {self.start_barriers}; expected positive numbers, at least one"
+            )
 
 
 class Accuracy(NamedTuple):

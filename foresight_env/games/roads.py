@@ -26,14 +26,25 @@ class Circle:
     center: Point
     radius: float
 
+    def __post_init__(self) -> None:
+        if not (np.isfinite([*self.center, self.radius]).all() and self.radius > 0.0):
+            raise ValueError(
+                f"center, radius: are {self.center} and {self.radius}; expected finite numbers and "
+                "a radius above 0"
+            )
+
     @staticmethod
     def through(a: Point, b: Point, c: Point) -> Circle:
         """The circle through three points; `ValueError` where they lie on one line."""
         points = np.array([a, b, c], dtype=float)
         # ||p - m||^2 = r^2 for all three, differences of pairs: linear in m.
         matrix = 2.0 * (points[1:] - points[0])
-        if abs(np.linalg.det(matrix)) < 1e-9 * max(1.0, float(np.abs(points).max())):
-            raise ValueError(f"a, b, c: {a}, {b}, {c} lie on one line; no circle goes through them")
+        finite = np.isfinite(points).all()
+        if not finite or abs(np.linalg.det(matrix)) < 1e-9 * max(1.0, np.abs(points).max()):
+            raise ValueError(
+                f"a, b, c: no circle goes through {a}, {b}, {c}: they lie on one line, or are not "
+                "finite"
+            )
         right = np.sum(points[1:] ** 2 - points[0] ** 2, axis=1)
         center = np.linalg.solve(matrix, right)
         x, y = (float(v) for v in center)
@@ -44,7 +55,7 @@ class Circle:
 class RoadSide:
     """The side of a road that leaves an intersection at `start` and runs through `end` and on.
 
-    Behind `start`, where the road opens into the intersection, nothing is forbidden.
+    Behind `start` the road opens into the intersection (`BesideRoads` says how).
     """
 
     start: Point
@@ -55,8 +66,10 @@ class RoadSide:
     def __post_init__(self) -> None:
         if self.road not in ("left", "right"):
             raise ValueError(f'road: is {self.road!r}; expected "left" or "right"')
-        if self.start == self.end:
-            raise ValueError(f"start, end: are both {self.start}; a road side needs a direction")
+        if not np.isfinite([self.start, self.end]).all() or self.start == self.end:
+            raise ValueError(
+                f"start, end: are {self.start} and {self.end}; expected two different places"
+            )
 
 
 @dataclass(frozen=True)
@@ -65,6 +78,13 @@ class OutsideCircles:
 
     circles: tuple[Circle, ...]
     shrink: float = 1.0
+
+    def __post_init__(self) -> None:
+        if not self.circles or not self.shrink > 0.0:
+            raise ValueError(
+                f"circles, shrink: {len(self.circles)} circles and {self.shrink}; expected at "
+                "least one circle and more than 0"
+            )
 
     def __call__(
         self, i: int, t: StageNumber, x: States, u: Controls, theta: Theta
@@ -78,13 +98,22 @@ class OutsideCircles:
 class BesideRoads:
     """Signed distance (m) to every road side, positive on the road, (sides,).
 
-    A sigmoid along the side lifts it by `lift` metres behind `start`: with `sharpness` (1/m) the
-    side fades out within a few metres.
+    A sigmoid along the side lifts the distance by `lift` metres behind `start`, and by half of that
+    at `start`; with `sharpness` 2 /m a hundredth of it is left 2.3 m down the road. Behind `start`
+    nobody is meant to be farther than `lift` beside the side's line.
     """
 
     sides: tuple[RoadSide, ...]
     sharpness: float = 2.0
     lift: float = 50.0
+
+    def __post_init__(self) -> None:
+        if not self.sides:
+            raise ValueError("sides: is empty; expected at least one road side")
+        if not (self.sharpness > 0.0 and self.lift > 0.0):
+            raise ValueError(
+                f"sharpness, lift: are {self.sharpness} and {self.lift}; expected more than 0"
+            )
 
     def __call__(
         self, i: int, t: StageNumber, x: States, u: Controls, theta: Theta
@@ -113,7 +142,13 @@ class Lane:
 
     @staticmethod
     def fit(points: Float[np.ndarray, "K 2"], degree: int = 4) -> Lane:
-        """Least squares through points of the centre line, in the frame of its first and last."""
+        """Least squares through points of the centre line, in the frame of its first and last.
+
+        Points are in driving order. `ValueError` for fewer than two points, a negative degree, and
+        a line that turns back against its chord: it is no function in that frame.
+        """
+        if degree < 0:
+            raise ValueError(f"degree: is {degree}; expected 0 or more")
         places = np.asarray(points, dtype=float)
         if places.ndim != 2 or places.shape[1] != 2 or len(places) < 2:
             raise ValueError(f"points: have shape {places.shape}; expected (K, 2), K at least 2")
@@ -126,6 +161,12 @@ class Lane:
         angle = float(np.arctan2(chord[1], chord[0]))
         cosine, sine = chord / length
         turned = (places - places[0]) @ np.array([[cosine, -sine], [sine, cosine]])
+        back = float(np.min(np.diff(turned[:, 0])))
+        if back < -0.05 * length:
+            raise ValueError(
+                f"points: run back by {-back:.2f} m against the way from the first to the last; "
+                "cut the lane into parts that do not"
+            )
         # No more powers than there are different places ahead to tell them apart.
         spots = len(np.unique(np.round(turned[:, 0], 3)))
         powers = np.polyfit(turned[:, 0], turned[:, 1], min(degree, spots - 1))

@@ -65,8 +65,3 @@ def laplace_intervals(
     """Intervals at `INTERVAL_LEVEL`, within the limits; of width 0 where the variance is 0."""
     half = norm.ppf(0.5 + 0.5 * INTERVAL_LEVEL) * np.sqrt(np.maximum(variances, 0.0))
     return np.stack([np.maximum(values - half, low), np.minimum(values + half, high)], axis=1)
-
-
-def deviation_of(intervals: Float[np.ndarray, "N 2"], level: float) -> Float[np.ndarray, "N"]:
-    """Deviation of normal distributions whose central intervals are as wide."""
-    return np.diff(intervals, axis=1)[:, 0] / (2.0 * norm.ppf(0.5 + 0.5 * level))

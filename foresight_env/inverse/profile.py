@@ -5,13 +5,14 @@ changes within the noise, and with it how much the data say. The Laplace approxi
 piece only; a profile walks over all of them. For each value of a discount factor every other
 parameter is fitted anew; the interval is where the objective stays below its minimum plus a
 quantile of the chi-squared distribution with one degree of freedom (Venzon and Moolgavkar, Applied
-Statistics 37, 1988). A better minimum that is met on the way becomes the estimate.
+Statistics 37, 1988). A clearly better minimum that is met on the way becomes the estimate.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -20,7 +21,7 @@ from jaxtyping import Array, Float
 from scipy.stats import chi2
 
 from foresight_env.equilibrium.kkt import Iterate, Parameters
-from foresight_env.equilibrium.start import Start
+from foresight_env.equilibrium.start import Start, from_controls
 from foresight_env.inverse.fit import Data, Fit, Problem, extrapolated
 from foresight_env.inverse.gauss_newton import GaussNewton
 from foresight_env.inverse.laplace import laplace
@@ -35,6 +36,8 @@ CLOSE = 0.15
 BETTER = 0.1
 """By how much a fit on the way has to be better to become the estimate: a chi-squared sum, in
 which one deviation is 1."""
+WALKING_TOLERANCE = 1e-3
+"""Relative change of the objective that counts as none on the way."""
 AFRESH = 3
 """How many times `Profile.iterations` a fit may take that begins with a smoothed game."""
 RENEWALS = 3
@@ -48,9 +51,11 @@ class Profile:
     level: float = 0.9
     """Probability that an interval is to hold the truth with."""
     points: int = 8
-    """Most values of a discount factor that are tried on each side of its estimate."""
+    """Most values of a discount factor that are tried on one walk. There is a walk on each side of
+    each estimate, and all of them again from every better fit."""
     iterations: int = 8
-    """Most Gauss-Newton steps per value."""
+    """Most Gauss-Newton steps per value; three times as many where a value seems to lie outside and
+    is fitted again from a smoothed game."""
 
     def __post_init__(self) -> None:
         if not 0.0 < self.level < 1.0:
@@ -78,9 +83,16 @@ Refit = Callable[..., Fit]
 near another fit, with one parameter held or with a smoothed game first."""
 
 
-@jax.jit
-def _near(fit: Fit, values: Float[Array, "p"]) -> Iterate:
-    return extrapolated(fit, values)
+@partial(jax.jit, static_argnums=0)
+def _begin(problem: Problem, base: Parameters, near: Fit, values: Array, afresh: Array) -> Start:
+    """Near a solution moved along its derivatives, or the path from its controls."""
+
+    def anew() -> Iterate:
+        parameters = problem.coordinates.unpack(values, base)
+        return from_controls(problem.layout, problem.options, parameters, near.point.u)
+
+    point = jax.lax.cond(afresh, anew, lambda: extrapolated(near, values))
+    return Start(point, ~afresh)
 
 
 _laplace = jax.jit(laplace, static_argnums=0)
@@ -91,7 +103,7 @@ def profiled(
 ) -> Profiled:
     """Walk from `fit` along every estimated discount factor, down and up."""
     solves = 0
-    walking = replace(method, max_iterations=profile.iterations, cost_tolerance=1e-3)
+    walking = replace(method, max_iterations=profile.iterations, cost_tolerance=WALKING_TOLERANCE)
     thorough = replace(walking, max_iterations=AFRESH * profile.iterations)
 
     def refit(
@@ -101,7 +113,6 @@ def profiled(
         free = np.array(data.free)
         if held is not None:
             free[held] = 0.0
-        start = Start(_near(near, values), np.asarray(not afresh))
         found, spent, _ = search(
             problem,
             thorough if afresh else walking,
@@ -109,7 +120,7 @@ def profiled(
             base,
             np.tile(values, (MOST_STARTS, 1)),
             np.asarray(1),
-            start,
+            _begin(problem, base, near, values, np.asarray(afresh)),
         )
         solves += int(spent)
         return found
@@ -121,36 +132,40 @@ def profiled(
     left, renewals = list(sides), 0
     while left:
         player, side = left.pop(0)
-        sign = (-1.0, 1.0)[side]
-        end, best = _walk(problem, data, fit, int(gammas[player]), sign, profile, refit)
+        at = int(gammas[player])
+        limit = float((data.low, data.high)[side][at])
+        covariance = np.asarray(_laplace(problem, data, fit)[0])
+        best, end = _walk(fit, at, limit, covariance, profile, refit, renewals < RENEWALS)
         intervals[player, side] = end
-        if best is not fit and renewals < RENEWALS:
+        if best is not fit:
+            # Its Jacobian lacks the parameter that was held: it is fitted again with all of them.
             polished = refit(np.asarray(best.values), best)
-            fit = polished if polished.cost < best.cost else best
             renewals += 1
-            left = list(sides)
+            left = [(player, side), *left]
+            if polished.cost < fit.cost:
+                fit, left = polished, list(sides)
     return Profiled(fit, intervals, solves)
 
 
 def _walk(
-    problem: Problem,
-    data: Data,
     center: Fit,
     at: int,
-    sign: float,
+    limit: float,
+    covariance: Float[np.ndarray, "p p"],
     profile: Profile,
     refit: Refit,
-) -> tuple[float, Fit]:
-    """Where the profile reaches its level on one side, and the best fit on the way.
+    follow: bool,
+) -> tuple[Fit, float]:
+    """The center, and where the profile reaches its level on the way to a parameter's `limit`.
 
-    Where another fit than the center is best, the walk ends as soon as it rises again.
+    With `follow`, a fit on the way that is better is returned instead of the center, the best one
+    before the profile rises again; the end then means nothing. An end that is not found, since
+    games are not solved there or `profile.points` are used up, is the range's.
     """
     origin, best = float(center.values[at]), center
-    wanted = np.sqrt(profile.rise)
-    reach = abs(float((data.low if sign < 0 else data.high)[at]) - origin)
+    wanted, reach, sign = np.sqrt(profile.rise), abs(limit - origin), np.sign(limit - origin)
     if reach == 0.0:
-        return origin, center
-    covariance = np.asarray(_laplace(problem, data, center)[0])
+        return center, limit
     slope = sign * covariance[at] / max(covariance[at, at], 1e-300)
     slope[at] = sign
     # Places are distances from the center; roots are of the rise, and linear in them near it.
@@ -166,15 +181,14 @@ def _walk(
             place = min(inside + step, reach)
         trial = np.asarray(nearest.values) + slope * (place - inside)
         trial[at] = origin + sign * place
-        trial = np.clip(trial, data.low, data.high)
         fit = refit(trial, nearest, held=at)
         if not fit.cost < best.cost + profile.rise:
             again = refit(trial, nearest, held=at, afresh=True)
             fit = again if again.cost < fit.cost else fit
-        if fit.cost < best.cost - BETTER:
+        if follow and fit.cost < best.cost - BETTER:
             best = fit
         elif best is not center:
-            break
+            return best, limit
         root = np.sqrt(max(float(fit.cost - best.cost), 0.0)) if fit.success else np.inf
         if root >= wanted:
             outside, root_outside = place, root
@@ -185,16 +199,13 @@ def _walk(
             inside, root_inside, nearest = place, root, fit
         if inside >= reach or abs(root - wanted) <= CLOSE * wanted:
             break
-    if inside >= reach:
-        end = reach
-    elif np.isfinite(root_outside):
+    end = reach
+    if np.isfinite(root_outside):
         part = (wanted - root_inside) / (root_outside - root_inside)
         end = inside + part * (outside - inside)
-    elif np.isfinite(outside):
-        end = outside
-    else:
-        end = min(inside * np.clip(wanted / max(root_inside, 1e-6), 1.0, GROWTH), reach)
-    return origin + sign * end, best
+    elif root_inside >= (1.0 - CLOSE) * wanted:
+        end = inside * wanted / root_inside
+    return best, float(np.clip(origin + sign * end, min(origin, limit), max(origin, limit)))
 
 
 def _between(low: float, high: float, part: float) -> float:

@@ -10,6 +10,10 @@ import pytest
 from small_games import CROSSING_GAMMA, CROSSING_STATES, crossing, crossing_theta
 
 from foresight_env.equilibrium import Options, SolveError, Status, shift, solve, solve_many
+from foresight_env.equilibrium.layout import layout_of
+from foresight_env.equilibrium.pairs import pairs_of
+from foresight_env.equilibrium.start import begin, begin_attempt
+from foresight_env.equilibrium.validation import check_parameters
 from foresight_env.games import (
     Bounds,
     DoubleIntegrator,
@@ -258,6 +262,26 @@ def test_unused_penalties_do_not_make_a_game_infeasible():
     theta = ({"goal": np.array([2.0, 0.0])},)
     found = solve(Game((player,), 4), np.zeros((1, 4)), theta, 0.9, options=few)
     assert found.status == Status.ITERATION_LIMIT
+
+
+@pytest.mark.parametrize("products", [(), (0.0,), (1.0, -1.0)])
+def test_start_barriers_are_checked(products):
+    with pytest.raises(ValueError, match="start_barriers: is"):
+        Options(start_barriers=products)
+
+
+def test_each_attempt_begins_with_its_own_product():
+    game, theta = last_stage_capped(), ({"goal": np.array([2.0, 0.0])},)
+    options = Options(start_barriers=(1.0, 50.0, 0.2))
+    layout = layout_of(game)
+    with jax.enable_x64(True):
+        parameters = check_parameters(game, np.zeros((1, 4)), theta, 0.9)
+        exists = pairs_of(layout).exists
+        for number, product in enumerate(options.start_barriers, 1):
+            start = begin(layout, options, parameters, None)
+            point = begin_attempt(layout, options, parameters, start, jnp.asarray(number))
+            products = np.asarray(point.slack * point.mult)[np.asarray(exists)]
+            np.testing.assert_allclose(products, product)
 
 
 def test_a_guess_with_other_constraints_is_refused():

@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from foresight_env.games import BesideRoads, Circle, Lane, LaneCenter, OutsideCircles, RoadSide
@@ -35,7 +35,7 @@ def test_a_circle_goes_through_its_points(a, b, c):
 
 
 def test_no_circle_through_a_line():
-    with pytest.raises(ValueError, match="lie on one line"):
+    with pytest.raises(ValueError, match="no circle goes through"):
         Circle.through((0.0, 0.0), (1.0, 1.0), (3.0, 3.0))
 
 
@@ -58,10 +58,25 @@ def test_a_road_side_holds_along_its_road_and_nowhere_behind(road, sign):
 
 
 def test_road_sides_are_checked():
-    with pytest.raises(ValueError, match="needs a direction"):
+    with pytest.raises(ValueError, match="two different places"):
         RoadSide((0.0, 0.0), (0.0, 0.0), "left")
+    with pytest.raises(ValueError, match="sides: is empty"):
+        BesideRoads(())
+    side = RoadSide((0.0, 0.0), (1.0, 0.0), "left")
+    with pytest.raises(ValueError, match=r"sharpness, lift: are 0\.0 and 50\.0"):
+        BesideRoads((side,), sharpness=0.0)
 
 
+def test_circles_are_checked():
+    with pytest.raises(ValueError, match="a radius above 0"):
+        Circle((0.0, 0.0), 0.0)
+    with pytest.raises(ValueError, match="no circle goes through"):
+        Circle.through((0.0, 0.0), (np.nan, 1.0), (3.0, 3.0))
+    with pytest.raises(ValueError, match="expected at least one circle"):
+        OutsideCircles(())
+
+
+@settings(deadline=None)
 @given(st.floats(-3.0, 3.0), PLACE, st.floats(0.5, 40.0), st.floats(-5.0, 5.0))
 def test_the_offset_from_a_straight_lane_is_the_distance(angle, start, length, across):
     along = np.array([np.cos(angle), np.sin(angle)])
@@ -99,6 +114,7 @@ def test_the_cost_of_a_lane_is_its_squared_offset():
         (np.zeros((1, 2)), "expected"),
         (np.array([[0.0, 0.0], [np.nan, 1.0], [2.0, 2.0]]), "NaN"),
         (np.array([[1.0, 1.0], [2.0, 0.0], [1.0, 1.0]]), "same place"),
+        (np.array([[0.0, 0.0], [5.0, 5.0], [4.0, -5.0], [9.0, 0.0]]), "run back by 1.00 m"),
     ],
 )
 def test_points_that_make_no_lane_are_refused(points, message):

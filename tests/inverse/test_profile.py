@@ -1,14 +1,18 @@
 """Profile likelihood: intervals of discount factors by their definition."""
 
+import sys
+
 import numpy as np
 import pytest
 from small_games import CROSSING_GAMMA, CROSSING_GOALS, CROSSING_STATES, crossing, crossing_theta
 
 from foresight_env.equilibrium import Status, solve
 from foresight_env.games import full_state
-from foresight_env.inverse import Free, MultiStart, Prior, Profile, estimate
+from foresight_env.inverse import Free, GradientDescent, MultiStart, Prior, Profile, estimate
+from foresight_env.inverse.fit import Fit
 
 DEVIATION = 0.005
+module = sys.modules[Profile.__module__]
 
 
 @pytest.fixture(scope="module")
@@ -73,17 +77,86 @@ def test_a_fixed_discount_factor_has_no_interval(noisy):
     assert np.diff(found.gamma_interval[0]) > 0.0
 
 
-def test_what_is_flat_is_open_to_the_ends_of_the_range(noisy):
+@pytest.mark.parametrize("level", [0.5, 0.99])
+@pytest.mark.parametrize("limits", [(0.0, 1.0), (0.4, 0.9)])
+def test_what_is_flat_is_open_to_the_ends_of_the_range(level, limits):
     """Far goals: everybody drives flat out, whatever its foresight."""
     far = crossing_theta(np.array([[60.0, 80.0], [-60.0, 80.0]]))
     flat_out = solve(crossing(), CROSSING_STATES, far, CROSSING_GAMMA)
     found = estimate(
         crossing(), np.concatenate(flat_out.states, axis=1), full_state((4, 4)),
-        initial_state=CROSSING_STATES, theta=far, gamma=CROSSING_GAMMA,
-        free=Free(theta=()), covariance=1.0, profile=Profile(),
+        initial_state=CROSSING_STATES, theta=far, gamma=0.6,
+        free=Free(theta=(), gamma_range=limits), covariance=1.0, profile=Profile(level),
     )  # fmt: skip
     assert not found.determined.any()
-    np.testing.assert_array_equal(found.gamma_interval, [[0.0, 1.0]] * 2)
+    np.testing.assert_array_equal(found.gamma_interval, [limits] * 2)
+
+
+def test_the_published_method_has_profiles_too(noisy):
+    method = GradientDescent(learning_rate=1e-6, max_iterations=5)
+    found = fit(noisy, method=method, starts=MultiStart(1), profile=Profile())
+    usual = fit(noisy, profile=Profile())
+    assert found.cost <= usual.cost + 0.2
+    np.testing.assert_allclose(found.gamma_interval, usual.gamma_interval, atol=0.02)
+
+
+def known(value, cost, solved=True):
+    """A fit of one parameter, as far as a walk reads one."""
+    return Fit(np.array([value]), np.asarray(cost), *[None] * 5, np.asarray(solved))
+
+
+def walk(cost, limit=1.0, *, at=0.5, points=8, follow=True, solved=lambda g: True):
+    """A walk along a profile that is known: `cost` of one parameter, `solved` where games are.
+
+    The Laplace deviation that it begins with is 0.1. Returns whether the center is the best fit,
+    the best fit and the end.
+    """
+
+    def refit(values, near, held=None, afresh=False):
+        g = float(values[0])
+        return known(g, cost(g) if solved(g) else np.inf, solved(g))
+
+    center, covariance = known(at, cost(at)), np.array([[0.01]])
+    best, end = module._walk(center, 0, limit, covariance, Profile(points=points), refit, follow)
+    return best is center, best, end
+
+
+@pytest.mark.parametrize("limit", [0.0, 1.0])
+@pytest.mark.parametrize("curvature", [5.0, 20.0, 100.0, 3000.0])
+def test_a_walk_ends_where_the_profile_has_risen_by_the_quantile(curvature, limit):
+    stays, _, end = walk(lambda g: 7.0 + curvature * (g - 0.5) ** 2, limit)
+    assert stays
+    expected = 0.5 + 2.0 * (limit - 0.5) * min(np.sqrt(Profile().rise / curvature), 0.5)
+    np.testing.assert_allclose(end, expected, atol=0.02 * abs(expected - 0.5) + 1e-12)
+
+
+def test_a_walk_passes_over_a_kink():
+    _, _, end = walk(lambda g: 2.0 * max(g - 0.5, 0.0) + 300.0 * max(g - 0.7, 0.0) ** 2)
+    exact = np.roots([300.0, 2.0, 0.4 - Profile().rise]).max() + 0.7
+    np.testing.assert_allclose(end, exact, atol=0.02)
+
+
+def test_ends_that_are_not_found_are_those_of_the_range():
+    def flat(_):
+        return 3.0
+
+    for options in ({"solved": lambda g: g < 0.51}, {"points": 1}):
+        assert walk(flat, 0.93, **options)[2] == 0.93
+    assert walk(flat, at=1.0)[2] == 1.0
+    assert walk(flat, 0.2)[2] == 0.2
+
+
+def test_a_better_minimum_on_the_way_is_told_unless_told_not_to():
+    def two_minima(g):
+        return min(50.0 * (g - 0.5) ** 2 + 2.0, 50.0 * (g - 0.8) ** 2)
+
+    stays, best, _ = walk(two_minima)
+    assert not stays
+    assert best.cost < 1.0
+    assert abs(best.values[0] - 0.8) < 0.15
+    stays, _, end = walk(two_minima, follow=False)
+    assert stays
+    assert end == 1.0  # never more than the quantile above the center
 
 
 @pytest.mark.parametrize(
