@@ -28,6 +28,7 @@ from evaluation.tables import (
     print_estimation,
     told_gamma,
 )
+from foresight_env.inverse import Profile
 
 TRIAL_STD = 0.05
 """Noise of the representative trial, m and m/s."""
@@ -135,7 +136,10 @@ def evaluate_crosswalk(
 def _trial(console: Console, out: Path) -> Path:
     with console.status("representative trial"):
         seen, _ = estimation.observe("full", TRIAL_STD, 0, "soft")
-        fits = {m: estimation.fit("full", TRIAL_STD, 0, m) for m in estimation.METHODS}
+        fits = {
+            m: estimation.fit("full", TRIAL_STD, 0, m, profile=Profile())
+            for m in estimation.METHODS
+        }
         return representative_trial(seen, fits, out / "representative_trial.png")
 
 

@@ -110,7 +110,7 @@ def representative_trial(
             i + 0.2,
             found.gamma[i],
             0.38,
-            yerr=INTERVAL_DEVIATIONS * found.gamma_deviation[i],
+            yerr=np.abs(found.gamma_interval[i] - found.gamma[i])[:, None],
             capsize=4,
             color=COLOURS["foresight"],
             label="inferred, 90 % interval" if i == 0 else None,
@@ -118,7 +118,7 @@ def representative_trial(
     bars.axhline(1.0, color=COLOURS["farsighted"], ls="--", label="baseline: gamma = 1")
     bars.set_xticks([0, 1], ["agent 0", "agent 1"])
     bars.set_title("inferred discount factors", fontsize=10)
-    bars.set_ylim(0.0, 1.5)
+    bars.set_ylim(0.0, 1.1)
     bars.set_ylabel("discount factor gamma")
     for part, columns in zip(parts, (3, 2), strict=True):
         part.legend(fontsize=8, loc="outside lower center", ncols=columns)
@@ -234,7 +234,7 @@ def gamma_over_time(
             label=f"agent {j}, 90 % interval",
         )  # fmt: skip
         axes.axhline(true[j], color=AGENTS[j], ls="--", label=f"agent {j}, true")
-    axes.set_ylim(0.0, 1.5)
+    axes.set_ylim(0.0, 1.05)
     axes.set_xlabel("time [s]")
     axes.set_ylabel("discount factor gamma")
     axes.legend(fontsize=8)
