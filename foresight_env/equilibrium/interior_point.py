@@ -52,12 +52,12 @@ class Options:
     """Newton steps per attempt along the path."""
     barrier: float = 1e-9
     """Complementarity product at the solution: the solution is a smooth function of parameters."""
-    start_barriers: tuple[float, ...] = (1.0, 100.0, 0.1)
+    start_barriers: tuple[float, ...] = (0.1, 1.0, 100.0)
     """Complementarity product at the start of each attempt along the path. The first attempt begins
     at the start itself (from a similar game's solution, with that one's products), later ones at
-    controls nudged off any symmetry and with the exact curvature used earlier. The first product
-    takes the fewest steps in games of everyday size; costs in the hundreds want a wide path, cars
-    that just fit between others a narrow one."""
+    controls nudged off any symmetry and with the exact curvature used earlier. A narrow path stays
+    near the equilibrium that it begins at, and suits cars that just fit between others; costs in
+    the hundreds want a wide one."""
     exact_below: float = 1e-2
     """Residual below which curvature of proximity terms and constraints is used exactly."""
     local_steps: int = 10
