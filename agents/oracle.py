@@ -1,4 +1,7 @@
-"""The oracle ego: true states and everybody's true parameters. An upper bound, not a competitor."""
+"""The oracle ego: true states and everybody's true parameters; no competitor.
+
+It does not know which of several equilibria the others play, so it is no upper bound either.
+"""
 
 from __future__ import annotations
 

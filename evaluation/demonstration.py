@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +20,7 @@ from evaluation.figures import (
 )
 from evaluation.heatmap import heatmap
 from evaluation.recorded import METHODS, encounters, forecast
-from evaluation.sample import write_sample
+from evaluation.sample import true_gammas, write_sample
 from evaluation.tables import (
     print_closed_loop,
     print_encounters,
@@ -194,10 +193,11 @@ def demonstrate(data: Path | None, workers: int | None, out: Path) -> None:
     if data is None:
         console.print(
             "No --data given: this recording was made by the project itself, in the DUT format, "
-            "from a game with known discount factors."
+            f"from a game with known discount factors: {true_gammas()}. Where such encounters are "
+            'short, the observations leave them "open".'
         )
-        with tempfile.TemporaryDirectory() as folder:
-            made = write_sample(Path(folder))
-            estimate_recorded(made, None, 2, None, True, out / "recorded")
+        made = write_sample(out / "recorded")
+        _tell(console, made)
+        estimate_recorded(made, None, 2, None, True, out / "recorded")
     else:
         estimate_recorded(data, None, 2, None, True, out / "recorded")

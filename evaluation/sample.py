@@ -54,6 +54,12 @@ def made_recording(seed: int = 0, noise_std: float = 0.01) -> Recording:
     return Recording("made_by_foresight_env", "dut", RATE, tuple(tracks))
 
 
+def true_gammas() -> str:
+    """The recording's discount factors, agent by agent, for a reader."""
+    values = [gamma for _, _, pair in PAIRS for gamma in pair]
+    return ", ".join(f"ped:{number} {value:g}" for number, value in enumerate(values))
+
+
 def write_sample(folder: Path) -> Path:
     """Write the recording as a DUT file and return its path."""
     folder.mkdir(parents=True, exist_ok=True)

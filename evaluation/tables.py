@@ -10,13 +10,14 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from evaluation.closed_loop import Summary, paired_difference
+from evaluation.closed_loop import MAX_STEPS, Summary, paired_difference
 from evaluation.estimation import LEAST_STD, METHODS, bound
 from evaluation.figures import LABELS
 from evaluation.recorded import Encounter, Forecast
 from evaluation.statistics import Interval, mean_interval
 from evaluation.store import Row
 from foresight_env.envs.style import INTERVAL_DEVIATIONS
+from foresight_env.scenarios.crosswalk import DT
 
 
 def _pm(interval: Interval | None, digits: int = 2) -> str:
@@ -24,7 +25,8 @@ def _pm(interval: Interval | None, digits: int = 2) -> str:
     if interval is None or not np.isfinite(interval.mean):
         return "-"
     half = max(interval.high - interval.mean, interval.mean - interval.low)
-    return f"{interval.mean:.{digits}f} ±{half:.{digits}f}"
+    # A single value has no interval: it must not look certain.
+    return f"{interval.mean:.{digits}f}" + (f" ±{half:.{digits}f}" if half > 0.0 else "")
 
 
 def print_closed_loop(console: Console, summaries: Sequence[Summary], rows: Sequence[Row]) -> None:
@@ -52,7 +54,13 @@ def print_closed_loop(console: Console, summaries: Sequence[Summary], rows: Sequ
     for name, cells in lines.items():
         table.add_row(escape(name), *cells)
     console.print(table)
+    console.print(f"time to goal: episodes that did not reach it count with {MAX_STEPS * DT:g} s.")
     names = [s.ego for s in summaries]
+    if "oracle" in names:
+        console.print(
+            "The oracle knows every parameter, but not which of several equilibria the others "
+            "play: those who watch them may do better."
+        )
     if "foresight" not in names:
         return
     console.print(

@@ -22,28 +22,36 @@ BOUND_SLACK = 1e-6
 """How far an initial state may lie outside a hard bound: solutions meet bounds to rounding only."""
 
 
-def joint_state(game: Game, x0: Any) -> jax.Array | np.ndarray:
-    """Per-player states, or an (N, n) array, as the joint state (n_1 + ... + n_N,)."""
+def joint_state(game: Game, x0: Any, name: str = "x0") -> jax.Array | np.ndarray:
+    """Per-player states, or an (N, n) array, as the joint state (n_1 + ... + n_N,).
+
+    `name`: what the caller calls them.
+    """
     sizes = game.state_sizes
     if not isinstance(x0, (list, tuple)) and getattr(x0, "ndim", 0) == 1:
         split: Any = jnp.split if is_traced(x0) else np.split
         x0 = split(x0, np.cumsum(sizes)[:-1]) if x0.shape == (sum(sizes),) else x0
     parts = list(x0)
     if len(parts) != len(sizes):
-        raise ValueError(f"x0: has {len(parts)} states; expected one per player, sizes {sizes}")
+        raise ValueError(f"{name}: has {len(parts)} states; expected one per player, sizes {sizes}")
     for i, (part, size) in enumerate(zip(parts, sizes, strict=True)):
         if np.shape(part) != (size,):
-            raise ValueError(f"x0[{i}]: has shape {np.shape(part)}; expected ({size},)")
+            raise ValueError(f"{name}[{i}]: has shape {np.shape(part)}; expected ({size},)")
     if is_traced(parts):
         return jnp.concatenate([jnp.asarray(p) for p in parts])
     return np.concatenate([np.asarray(p, dtype=float) for p in parts])
 
 
-def check_parameters(game: Game, x0: Any, theta: Sequence[Theta], gamma: Any) -> Parameters:
-    """Shapes and values of a game's parameters; `ValueError` names the argument and the cure."""
+def check_parameters(
+    game: Game, x0: Any, theta: Sequence[Theta], gamma: Any, state_name: str = "x0"
+) -> Parameters:
+    """Shapes and values of a game's parameters; `ValueError` names the argument and the cure.
+
+    `state_name`: what the caller calls `x0`.
+    """
     layout = layout_of(game)
     count = len(game.players)
-    state = joint_state(game, x0)
+    state = joint_state(game, x0, state_name)
     if isinstance(theta, dict) or len(theta) != count:
         raise ValueError(f"theta: expected {count} mappings, one per player")
     thetas = tuple({name: _entry(name, value) for name, value in p.items()} for p in theta)
@@ -53,7 +61,7 @@ def check_parameters(game: Game, x0: Any, theta: Sequence[Theta], gamma: Any) ->
     discounts = (
         jnp.broadcast_to(gamma, (count,)) if is_traced(gamma) else np.broadcast_to(gamma, (count,))
     )
-    for name, value in (("x0", state), ("theta", thetas), ("gamma", discounts)):
+    for name, value in ((state_name, state), ("theta", thetas), ("gamma", discounts)):
         leaves = jax.tree.leaves(value)
         if not is_traced(leaves) and not all(_is_finite(v) for v in leaves):
             raise ValueError(f"{name}: contains NaN or infinity; expected finite numbers")
@@ -77,7 +85,7 @@ def check_parameters(game: Game, x0: Any, theta: Sequence[Theta], gamma: Any) ->
             entry = int(np.flatnonzero(outside)[0])
             player = int(layout.state_owner[entry])
             raise ValueError(
-                f"x0[{player}]: entry {entry - layout.state_slices[player].start} is "
+                f"{state_name}[{player}]: entry {entry - layout.state_slices[player].start} is "
                 f"{float(state[entry]):.6g}, outside the player's hard state bounds "
                 f"[{low[0, entry]:g}, {high[0, entry]:g}]; clip it or widen the bounds"
             )

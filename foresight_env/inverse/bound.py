@@ -78,7 +78,7 @@ def cramer_rao(
     Raises `ValueError` for wrong arguments and `SolveError` when the game is not solved.
     """
     layout = layout_of(game)
-    parameters = check_parameters(game, initial_state, theta, gamma)
+    parameters = check_parameters(game, initial_state, theta, gamma, "initial_state")
     coordinates, chosen = Coordinates.of(layout, free, parameters)
     if not chosen.any():
         raise ValueError("free: nothing is free; there is nothing to bound")

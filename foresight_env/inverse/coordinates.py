@@ -29,6 +29,8 @@ class Free:
     1.2)` where agents may weigh later costs more than present ones."""
 
     def __post_init__(self) -> None:
+        if isinstance(self.theta, str):
+            raise ValueError(f"theta: is {self.theta!r}; expected a tuple: ({self.theta!r},)")
         low, high = self.gamma_range
         if not 0.0 <= low < high:
             raise ValueError(

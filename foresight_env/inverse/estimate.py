@@ -35,7 +35,7 @@ from foresight_env.inverse.multi_start import MOST_STARTS, MultiStart, search
 from foresight_env.inverse.prior import Prior, prior_terms
 from foresight_env.inverse.profile import Profile, profiled
 from foresight_env.inverse.tracking import track
-from foresight_env.inverse.validation import check_observations, check_start
+from foresight_env.inverse.validation import check_kinds, check_observations, check_start
 from foresight_env.precision import to_numpy
 
 
@@ -151,8 +151,8 @@ def estimate(
         method: `GaussNewton()` (default) or `GradientDescent(rate)`, the paper's Algorithm 1.
         starts: multi-start settings; `MultiStart(1)` uses the caller's start alone.
         profile: find intervals of the discount factors by profile likelihood (always by
-            Gauss-Newton), at two to four times the forward solves of the estimate alone; also
-            mends estimates that rest in a local minimum.
+            Gauss-Newton), typically at two to six times the forward solves of the estimate alone
+            and more where better fits are met on the way, which replace it.
         guess: solution of a similar game to start from; by default a trajectory that follows the
             observations.
         options: forward-solver settings.
@@ -163,8 +163,16 @@ def estimate(
     Raises:
         ValueError: an argument has the wrong shape or value; the message names it.
     """
+    check_kinds(
+        model=(model, ObservationModel),
+        free=(free, Free, tuple, list),
+        method=(method, GaussNewton, GradientDescent),
+        starts=(starts, MultiStart),
+        profile=(profile, Profile, type(None)),
+        options=(options, Options),
+    )
     layout = layout_of(game)
-    parameters = check_parameters(game, initial_state, theta, gamma)
+    parameters = check_parameters(game, initial_state, theta, gamma, "initial_state")
     coordinates, chosen = Coordinates.of(layout, free, parameters)
     if not chosen.any():
         raise ValueError("free: nothing is free; there is nothing to estimate")

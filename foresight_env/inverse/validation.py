@@ -12,6 +12,15 @@ from foresight_env.games.observations import ObservationModel
 from foresight_env.inverse.coordinates import Coordinates
 
 
+def check_kinds(**arguments: tuple[Any, ...]) -> None:
+    """Each argument's value, then the types that it may have: raises `ValueError` by name."""
+    for name, (value, *kinds) in arguments.items():
+        if not isinstance(value, tuple(kinds)):
+            wanted = " or ".join(k.__name__ for k in kinds if k is not type(None))
+            given = getattr(value, "__name__", repr(value))
+            raise ValueError(f"{name}: is {given}, not made by calling {wanted}(...)")
+
+
 def check_observations(
     layout: Layout, model: ObservationModel, observations: Any, covariance: Any
 ) -> tuple[np.ndarray, np.ndarray]:

@@ -66,6 +66,8 @@ def test_units_are_shown():
     text = shown(tables.print_closed_loop, summaries, rows)
     for unit in ("min distance [m]", "time to goal [s]", "decision p50 [ms]"):
         assert unit in text
+    assert "count with 10 s" in text
+    assert "oracle" not in text
     timed = [{**row, "seconds": 0.5} for row in estimation_rows()]
     assert "time [s]" in shown(tables.print_estimation, timed, width=100)
     assert "FDE [m]" in told((encounter(), forecasts([0.5, 0.5], [0.1, 0.1], [True, True])))

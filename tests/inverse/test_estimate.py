@@ -14,7 +14,16 @@ from foresight_env.equilibrium.layout import layout_of
 from foresight_env.equilibrium.start import begin
 from foresight_env.equilibrium.validation import check_parameters
 from foresight_env.games import full_state, positions
-from foresight_env.inverse import Free, GaussNewton, GradientDescent, MultiStart, Prior, estimate
+from foresight_env.inverse import (
+    Free,
+    GaussNewton,
+    GradientDescent,
+    MultiStart,
+    Prior,
+    Profile,
+    estimate,
+)
+from foresight_env.inverse.validation import check_kinds
 from foresight_env.scenarios.crosswalk import MONTE_CARLO, crosswalk_game
 
 FULL = full_state((4, 4))
@@ -343,6 +352,18 @@ def test_trial_solves_give_up_early():
     assert int(real.iterations) > 1
     found = fit(played(), theta=crossing_theta(CROSSING_GOALS + 0.2), options=hasty)
     assert found.status == Status.SOLVED
+
+
+def test_a_wrong_initial_state_is_called_what_the_caller_calls_it():
+    with pytest.raises(ValueError, match=r"initial_state\[0\]: has shape \(3,\); expected \(4,\)"):
+        fit(played(), initial_state=np.zeros((2, 3)))
+
+
+@pytest.mark.parametrize("given", [True, Profile, "profile"])
+def test_settings_of_the_wrong_kind_are_named(given):
+    with pytest.raises(ValueError, match=r"profile: is .*, not made by calling Profile\(\.\.\.\)"):
+        check_kinds(profile=(given, Profile, type(None)))
+    check_kinds(profile=(None, Profile, type(None)), other=(Profile(), Profile))
 
 
 def test_starts_are_spread_over_the_range_that_is_searched():
