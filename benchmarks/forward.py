@@ -96,6 +96,8 @@ def row(
     good = [m for m in each if m.solved]
     cold = np.array([m.cold_seconds for m in each])
     warm = np.array([m.warm_seconds for m in good])
+    # What a call costs whatever the game, and what each Newton step adds to it.
+    step, call = np.polyfit([m.iterations for m in each], cold, 1)
     return {
         "proximity": proximity,
         "T": str(horizon),
@@ -106,6 +108,7 @@ def row(
         "warm, p95": yardstick.told(float(np.percentile(warm, 95))),
         "iterations cold, warm": f"{np.median([m.iterations for m in each]):.0f}, "
         f"{np.median([m.warm_iterations for m in good]):.0f}",
+        "cold, per call + per step": f"{1e3 * call:.2f} + {1e3 * step:.3f} ms",
         "solved cold": f"{len(good) / games:.1%}",
         "solved warm": f"{np.mean([m.warm_solved for m in good]):.1%}",
         "local equilibria": f"{np.mean([m.equilibrium for m in good]):.1%}",
@@ -130,6 +133,7 @@ def run(setting: Setting) -> list[Result]:
         f"Crosswalk, 2 players, {games} random games (starts +-0.1 m, gamma uniform). Warm: one "
         "stage later, from the shifted solution. Solved: residual at most 1e-6 (warm: of those "
         "solved cold). Local equilibria: of those solved, by `verify`. Each time is the median of "
-        "3 calls; times in brackets are multiples of the yardstick."
+        "3 calls; times in brackets are multiples of the yardstick. Per call and per step: the line "
+        "through all cold times over their Newton steps."
     )
     return [Result("Forward solves", note, rows).show(setting.console)]
