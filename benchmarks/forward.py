@@ -133,7 +133,7 @@ def run(setting: Setting) -> list[Result]:
         f"Crosswalk, 2 players, {games} random games (starts +-0.1 m, gamma uniform). Warm: one "
         "stage later, from the shifted solution. Solved: residual at most 1e-6 (warm: of those "
         "solved cold). Local equilibria: of those solved, by `verify`. Each time is the median of "
-        "3 calls; times in brackets are multiples of the yardstick. Per call and per step: the line "
-        "through all cold times over their Newton steps."
+        "3 calls; times in brackets are multiples of the yardstick. Per call and per step: the "
+        "line through all cold times over their Newton steps."
     )
     return [Result("Forward solves", note, rows).show(setting.console)]
