@@ -197,7 +197,7 @@ def demonstrate(data: Path | None, workers: int | None, out: Path) -> None:
             'short, the observations leave them "open".'
         )
         made = write_sample(out / "recorded")
-        _tell(console, made)
+        console.print(f"recording: {made}", soft_wrap=True, markup=False)
         estimate_recorded(made, None, 2, None, True, out / "recorded")
     else:
         estimate_recorded(data, None, 2, None, True, out / "recorded")
