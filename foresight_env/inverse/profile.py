@@ -103,7 +103,12 @@ def profiled(
 ) -> Profiled:
     """Walk from `fit` along every estimated discount factor, down and up."""
     solves = 0
-    walking = replace(method, max_iterations=profile.iterations, cost_tolerance=WALKING_TOLERANCE)
+    walking = replace(
+        method,
+        max_iterations=profile.iterations,
+        cost_tolerance=WALKING_TOLERANCE,
+        give_up=np.inf,
+    )
     thorough = replace(walking, max_iterations=AFRESH * profile.iterations)
 
     def refit(
