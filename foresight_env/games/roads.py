@@ -35,7 +35,7 @@ class Circle:
 
     @staticmethod
     def through(a: Point, b: Point, c: Point) -> Circle:
-        """The circle through three points; `ValueError` where they lie on one line."""
+        """The circle through three points (m); `ValueError` on one line or where not finite."""
         points = np.array([a, b, c], dtype=float)
         # ||p - m||^2 = r^2 for all three, differences of pairs: linear in m.
         matrix = 2.0 * (points[1:] - points[0])
