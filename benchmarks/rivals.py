@@ -20,7 +20,7 @@ from benchmarks.report import Result, Row, Setting
 from benchmarks.timing import Yardstick, median_seconds
 from foresight_env.equilibrium import solve
 from foresight_env.equilibrium.layout import layout_of
-from foresight_env.equilibrium.start import rollout
+from foresight_env.equilibrium.rollout import rollout
 from foresight_env.equilibrium.validation import check_parameters
 from foresight_env.equilibrium.verify import player_cost
 from foresight_env.games import Game

@@ -26,6 +26,7 @@ from foresight_env.equilibrium.interior_point import (
     hopeless,
     is_finite,
     newton_step,
+    step_limit,
     violation,
 )
 from foresight_env.equilibrium.kkt import Iterate, Parameters
@@ -71,7 +72,7 @@ def _advance(
     pairs, accuracy = pairs_of(layout), accuracy_of(options, None)
     local = None if cold else lane.attempt == 0
     exact_below = options.exact_below * 10.0 ** jnp.maximum(lane.attempt - 1, 0)
-    limit = jnp.asarray(options.max_iterations)
+    limit = jnp.asarray(step_limit(layout, options))
     exact = lane.error < exact_below
     if local is not None:
         exact, limit = exact | local, jnp.where(local, options.local_steps, limit)

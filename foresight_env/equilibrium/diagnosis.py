@@ -11,7 +11,7 @@ import numpy as np
 from foresight_env.equilibrium.kkt import Iterate, Parameters
 from foresight_env.equilibrium.layout import Layout
 from foresight_env.equilibrium.named import parts_of
-from foresight_env.equilibrium.start import rollout
+from foresight_env.equilibrium.rollout import rollout
 from foresight_env.games.types import AnyArray
 
 

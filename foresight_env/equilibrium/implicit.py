@@ -24,6 +24,7 @@ from foresight_env.equilibrium.interior_point import (
     iterate,
     on_the_path,
     stage_system,
+    step_limit,
     violation,
 )
 from foresight_env.equilibrium.kkt import Iterate, Parameters
@@ -53,7 +54,8 @@ def _solve(layout: Layout, options: Options, parameters: Parameters, start: Star
     """Attempts until one succeeds; module `start` says where each begins."""
     accuracy = accuracy_of(options, start.barrier)
     first = jnp.ones((), int) if start.near is None else jnp.where(start.near, 0, 1)
-    attempts, limit = jnp.asarray(len(options.start_barriers)), jnp.asarray(options.max_iterations)
+    attempts = jnp.asarray(len(options.start_barriers))
+    limit = jnp.asarray(step_limit(layout, options))
     if start.trial is not None:
         attempts = jnp.where(start.trial, jnp.minimum(attempts, 1), attempts)
         limit = jnp.where(start.trial, jnp.minimum(limit, options.trial_steps), limit)

@@ -20,6 +20,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from foresight_env.equilibrium.curvature import CONVEX_ABOVE, dynamics_hessian
 from foresight_env.equilibrium.kkt import (
     Iterate,
     Linearisation,
@@ -38,6 +39,7 @@ from foresight_env.equilibrium.pairs import (
     pairs_of,
     split,
 )
+from foresight_env.equilibrium.rollout import feedback_rollout
 from foresight_env.equilibrium.stagewise import Factor, StageSystem, factorise, solve_stages
 from foresight_env.games.types import Scalar
 
@@ -49,7 +51,9 @@ class Options:
     tolerance: float = 1e-8
     """Largest entry of the scaled KKT residual at which a game counts as solved."""
     max_iterations: int = 80
-    """Newton steps per attempt along the path."""
+    """Newton steps per attempt along the path where all dynamics are linear."""
+    nonlinear_iterations: int = 200
+    """The same where some are not: a short-sighted driver's stages settle one after another."""
     barrier: float = 1e-9
     """Complementarity product at the solution: the solution is a smooth function of parameters."""
     start_barriers: tuple[float, ...] = (0.1, 1.0, 100.0)
@@ -81,6 +85,11 @@ class Accuracy(NamedTuple):
     """Complementarity product."""
     tolerance: Scalar | float
     """Largest entry of the scaled KKT residual."""
+
+
+def step_limit(layout: Layout, options: Options) -> int:
+    """Newton steps that an attempt along the path may take."""
+    return options.max_iterations if layout.linear else options.nonlinear_iterations
 
 
 def accuracy_of(options: Options, barrier: Scalar | None) -> Accuracy:
@@ -239,14 +248,21 @@ def eliminate_pairs(layout: Layout, pairs: Pairs, linear: Linear) -> Eliminated:
 
 
 def stage_system(
-    layout: Layout, point: Iterate, ev: Evaluation, eliminated: Eliminated
+    layout: Layout,
+    point: Iterate,
+    ev: Evaluation,
+    eliminated: Eliminated,
+    convex: Bool[Array, ""] | None = None,
 ) -> StageSystem:
-    """The linear system with slacks and bound multipliers eliminated."""
+    """The linear system with slacks and bound multipliers eliminated.
+
+    `convex`: whether to use the positive part of the dynamics' curvature only (None: no).
+    """
     lin = ev.lin
     diagonal = eliminated.ratios.low + eliminated.ratios.high
     eye = jnp.eye(diagonal.shape[1], dtype=bool)
     hessian = lin.hessian + jnp.where(eye, diagonal[:, :, None], 0.0)
-    curvature = dynamics_hessian(layout, point, ev)
+    curvature = dynamics_hessian(layout, lin.previous, point.u, ev.q, convex)
     b = lin.b
     if layout.rows:
         # Row multipliers stay among a stage's unknowns, beside its controls. Eliminating them too
@@ -266,32 +282,6 @@ def stage_system(
             curvature = jnp.pad(curvature, ((0, 0), (0, extra), (0, extra)))
         b = jnp.concatenate([b, jnp.zeros((*b.shape[:2], extra), b.dtype)], axis=2)
     return StageSystem(hessian, curvature, lin.a, b, lin.rho)
-
-
-def dynamics_hessian(
-    layout: Layout, point: Iterate, ev: Evaluation
-) -> Float[Array, "T w w"] | None:
-    """Second derivatives of `q_t' f(t, x_t, u_t)` by `(x_t, u_t)`; None for linear dynamics.
-
-    They are kept where `linearise` drops those of proximity: a car far from its goal has large
-    costates, and without this term nothing tells the method how its controls act on the heading.
-    """
-    if all(p.dynamics.linear for p in layout.game.players):
-        return None
-
-    def stage(t, xp, u, q):
-        def total(v):
-            x_parts, u_parts = layout.split(v)
-            nexts = [
-                p.dynamics(t, s, c)
-                for p, s, c in zip(layout.game.players, x_parts, u_parts, strict=True)
-            ]
-            return jnp.dot(q, jnp.concatenate(nexts))
-
-        return jax.hessian(total)(jnp.concatenate([xp, u]))
-
-    stages = jnp.arange(1, layout.game.horizon + 1)
-    return jax.vmap(stage)(stages, ev.lin.previous, point.u, ev.q)
 
 
 def direction(
@@ -355,6 +345,28 @@ def advance(point: Iterate, step: Iterate, primal: Scalar, dual: Scalar) -> Iter
     return Iterate(*(p + a * s for p, a, s in zip(point, lengths, step, strict=True)))
 
 
+def driven(
+    layout: Layout,
+    ev: Evaluation,
+    factor: Factor,
+    ahead: Iterate,
+    point: Iterate,
+    step: Iterate,
+    length: Scalar,
+) -> Iterate:
+    """The next point with states and controls from driving the step, where dynamics are nonlinear.
+
+    Where that overflows, the straight step's.
+    """
+    if layout.linear:
+        return ahead
+    x, u = feedback_rollout(
+        layout, ev.lin.previous, point.u, step.x, step.u, factor.gain[:, : layout.m], length
+    )
+    finite = jnp.isfinite(jnp.sum(x))
+    return ahead._replace(x=jnp.where(finite, x, ahead.x), u=jnp.where(finite, u, ahead.u))
+
+
 def average_product(pairs: Pairs, slack: Array, mult: Array) -> Scalar:
     """Mean of `slack * multiplier` over all pairs (0 when there are none)."""
     return jnp.sum(jnp.where(pairs.exists, slack * mult, 0.0)) / jnp.maximum(count(pairs), 1.0)
@@ -383,7 +395,10 @@ def newton_step(
 
     linear = on_path() if local is None else jax.lax.cond(local, beside_path, on_path)
     eliminated = eliminate_pairs(layout, pairs, linear)
-    factor = factorise(stage_system(layout, point, ev, eliminated))
+    convex = ev.error > CONVEX_ABOVE
+    if local is not None:
+        convex &= ~local
+    factor = factorise(stage_system(layout, point, ev, eliminated, convex))
     first = direction(layout, pairs, ev, factor, eliminated, linear)
 
     def along_the_path() -> Iterate:
@@ -404,7 +419,7 @@ def newton_step(
         step = direction(layout, pairs, ev, factor, eliminated, target)
         fraction = jnp.maximum(0.99, 1.0 - average)
         primal, dual = step_lengths(pairs, point, step, fraction)
-        return advance(point, step, primal, dual)
+        return driven(layout, ev, factor, advance(point, step, primal, dual), point, step, primal)
 
     if local is None:
         return along_the_path()

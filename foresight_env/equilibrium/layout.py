@@ -36,6 +36,11 @@ class Layout:
         return hash(self.game)
 
     @cached_property
+    def linear(self) -> bool:
+        """Whether everybody's dynamics are linear."""
+        return all(p.dynamics.linear for p in self.game.players)
+
+    @cached_property
     def n(self) -> int:
         """Joint state size."""
         return sum(self.game.state_sizes)

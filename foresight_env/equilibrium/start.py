@@ -13,6 +13,7 @@ from foresight_env.equilibrium.interior_point import Options
 from foresight_env.equilibrium.kkt import Iterate, Parameters
 from foresight_env.equilibrium.layout import Layout
 from foresight_env.equilibrium.pairs import Parts, distances_to_bounds, join, pairs_of, split
+from foresight_env.equilibrium.rollout import rollout
 from foresight_env.games.types import AnyArray, Scalar
 
 WARM_BARRIER = 1e-4
@@ -31,22 +32,6 @@ class Start(NamedTuple):
     """Complementarity product at which to stop; None: that of `Options`."""
     trial: Bool[Array, ""] | None = None
     """Whether the solve may give up early (`Options.trial_steps`): a fit only tries a step."""
-
-
-def rollout(
-    layout: Layout, x0: Float[AnyArray, "n"], u: Float[AnyArray, "T m"]
-) -> Float[Array, "T n"]:
-    """States that controls lead to."""
-    dynamics = [p.dynamics for p in layout.game.players]
-
-    def step(x, stage):
-        t, control = stage
-        parts = zip(dynamics, layout.split_states(x), layout.split_controls(control), strict=True)
-        x = jnp.concatenate([f(t, s, c) for f, s, c in parts])
-        return x, x
-
-    _, x = jax.lax.scan(step, x0, (jnp.arange(1, layout.game.horizon + 1), u))
-    return x
 
 
 def on_central_path(

@@ -24,7 +24,7 @@ class Status(IntEnum):
         return {
             Status.SOLVED: "nothing to mend",
             Status.ITERATION_LIMIT: (
-                "pass a `guess` (a similar game's solution), raise Options.max_iterations, or "
+                "pass a `guess` (a similar game's solution), raise the iterations of Options, or "
                 "soften hard constraints with a `penalty`"
             ),
             Status.INFEASIBLE: (

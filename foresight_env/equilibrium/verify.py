@@ -16,8 +16,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from foresight_env.equilibrium.best_response import best_response_game, best_response_theta
+from foresight_env.equilibrium.curvature import dynamics_hessian
 from foresight_env.equilibrium.implicit import Equilibrium, equilibrium
-from foresight_env.equilibrium.interior_point import Options, dynamics_hessian, evaluate
+from foresight_env.equilibrium.interior_point import Options, evaluate
 from foresight_env.equilibrium.kkt import Iterate, Parameters, discount_ratios, row_shares
 from foresight_env.equilibrium.layout import Layout, layout_of
 from foresight_env.equilibrium.pairs import Parts, join, pairs_of, split
@@ -69,7 +70,7 @@ def _curvature(layout: Layout, options: Options, parameters: Parameters, point: 
     pairs, exact = pairs_of(layout), jnp.zeros(())
     ev = evaluate(layout, pairs, point, parameters, exact, options.barrier)
     lin, n, m, horizon = ev.lin, layout.n, layout.m, layout.game.horizon
-    curve = dynamics_hessian(layout, point, ev)
+    curve = dynamics_hessian(layout, ev.lin.previous, point.u, ev.q)
 
     # Columns: all controls, each scaled by Gamma(t)^(-1/2); rows: states scaled by Gamma(t)^(1/2).
     def step(carry: Array, s: Any) -> tuple[Array, tuple[Array, Array]]:

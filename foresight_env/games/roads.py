@@ -133,12 +133,14 @@ class BesideRoads:
 class Lane:
     """A lane's centre line: `across = polynomial(ahead)` in a frame at `origin`, turned by `angle`.
 
-    `coefficients`: highest power first, as `numpy.polyfit` returns them; metres.
+    `coefficients`: highest power first, as `numpy.polyfit` returns them; metres. Before and behind
+    `reach` (m ahead) the line goes on straight: a polynomial says nothing beyond its points.
     """
 
     coefficients: tuple[float, ...]
     origin: Point = (0.0, 0.0)
     angle: float = 0.0
+    reach: tuple[float, float] = (-np.inf, np.inf)
 
     @staticmethod
     def fit(points: Float[np.ndarray, "K 2"], degree: int = 4) -> Lane:
@@ -171,7 +173,10 @@ class Lane:
         spots = len(np.unique(np.round(turned[:, 0], 3)))
         powers = np.polyfit(turned[:, 0], turned[:, 1], min(degree, spots - 1))
         return Lane(
-            tuple(float(c) for c in powers), (float(places[0, 0]), float(places[0, 1])), angle
+            tuple(float(c) for c in powers),
+            (float(places[0, 0]), float(places[0, 1])),
+            angle,
+            (0.0, length),
         )
 
     def offset(self, position: Float[Array, "2"]) -> Scalar:
@@ -183,13 +188,19 @@ class Lane:
         relative = position - jnp.asarray(self.origin)
         ahead = cosine * relative[0] + sine * relative[1]
         across = cosine * relative[1] - sine * relative[0]
+        line, slope = self._line(ahead, jnp)
+        return (across - line) / jnp.sqrt(1.0 + slope**2)
+
+    def _line(self, ahead: Any, xp: Any) -> tuple[Any, Any]:
+        """The centre line across the frame, and its slope."""
         powers = np.asarray(self.coefficients)
-        slope = jnp.polyval(jnp.asarray(np.polyder(powers)), ahead)
-        return (across - jnp.polyval(jnp.asarray(powers), ahead)) / jnp.sqrt(1.0 + slope**2)
+        inside = xp.clip(ahead, *self.reach)
+        slope = xp.polyval(xp.asarray(np.polyder(powers)), inside)
+        return xp.polyval(xp.asarray(powers), inside) + slope * (ahead - inside), slope
 
     def points(self, ahead: Float[np.ndarray, "K"]) -> Float[np.ndarray, "K 2"]:
         """Places on the centre line at these distances along the frame, for pictures."""
-        across = np.polyval(np.asarray(self.coefficients), ahead)
+        across, _ = self._line(np.asarray(ahead, dtype=float), np)
         cosine, sine = np.cos(self.angle), np.sin(self.angle)
         turned = np.stack([cosine * ahead - sine * across, sine * ahead + cosine * across], axis=1)
         return turned + np.asarray(self.origin)

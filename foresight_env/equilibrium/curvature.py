@@ -1,0 +1,70 @@
+"""Curvature of nonlinear dynamics: second derivatives of `q' f(x, u)`.
+
+Far from a solution only its positive part is used. Costates are large there, and what they say of
+bends in the dynamics would turn a player's step uphill; without it, nothing tells the method how
+steering acts on the heading.
+"""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from foresight_env.equilibrium.layout import Layout
+
+CONVEX_ABOVE = 1.0
+"""Largest entry of the KKT residual above which only the positive part is used."""
+SIGN_STEPS = 10
+"""Newton-Schulz steps: eigenvalues above a twentieth of the largest are told apart by sign."""
+
+
+def dynamics_hessian(
+    layout: Layout,
+    previous: Float[Array, "T n"],
+    u: Float[Array, "T m"],
+    q: Float[Array, "T n"],
+    convex: Bool[Array, ""] | None = None,
+) -> Float[Array, "T w w"] | None:
+    """Second derivatives of `q_t' f(t, x_t, u_t)` by `(x_t, u_t)`; None for linear dynamics.
+
+    `convex`: whether to keep each player's positive part only (None: no).
+    """
+    if layout.linear:
+        return None
+    n, horizon = layout.n, layout.game.horizon
+    stages = jnp.arange(1, horizon + 1)
+    total = jnp.zeros((horizon, n + layout.m, n + layout.m), u.dtype)
+    for player, of_x, of_u in zip(
+        layout.game.players, layout.state_slices, layout.control_slices, strict=True
+    ):
+        if player.dynamics.linear:
+            continue
+        size = player.dynamics.state_size
+
+        def lagrangian(v, t, costate, dynamics=player.dynamics, size=size):
+            return jnp.dot(costate, dynamics(t, v[:size], v[size:]))
+
+        own = jnp.concatenate([previous[:, of_x], u[:, of_u]], axis=1)
+        block = jax.vmap(jax.hessian(lagrangian))(own, stages, q[:, of_x])
+        if convex is not None:
+            block = jax.lax.cond(convex, positive_part, lambda b: b, block)
+        place = np.r_[of_x.start : of_x.stop, n + of_u.start : n + of_u.stop]
+        total = total.at[:, place[:, None], place[None, :]].set(block)
+    return total
+
+
+def positive_part(matrix: Float[Array, "*b k k"]) -> Float[Array, "*b k k"]:
+    """`(M + |M|) / 2` of symmetric matrices, `|M| = M sign(M)`.
+
+    The sign is found by Newton and Schulz's iteration (Higham, "Functions of Matrices", section
+    5.3), which needs products only; LAPACK's batched calls from two threads at once make jaxlib
+    (0.10) wait for ever.
+    """
+    size = jnp.sqrt(jnp.sum(matrix**2, axis=(-2, -1), keepdims=True))
+    sign = matrix / jnp.where(size > 0.0, size, 1.0)
+    for _ in range(SIGN_STEPS):
+        sign = 1.5 * sign - 0.5 * sign @ sign @ sign
+    magnitude = matrix @ sign
+    return 0.5 * matrix + 0.25 * (magnitude + jnp.swapaxes(magnitude, -2, -1))

@@ -1,0 +1,68 @@
+"""States that controls lead to, open loop and with a Newton step's own feedback."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from foresight_env.equilibrium.layout import Layout
+from foresight_env.games.types import AnyArray, StageNumber
+
+
+def _next_state(layout: Layout, t: StageNumber, x: Array, u: Array) -> Array:
+    players = zip(
+        layout.game.players, layout.split_states(x), layout.split_controls(u), strict=True
+    )
+    return jnp.concatenate([p.dynamics(t, s, c) for p, s, c in players])
+
+
+def rollout(
+    layout: Layout, x0: Float[AnyArray, "n"], u: Float[AnyArray, "T m"]
+) -> Float[Array, "T n"]:
+    """States that controls lead to."""
+
+    def step(x, stage):
+        t, control = stage
+        x = _next_state(layout, t, x, control)
+        return x, x
+
+    _, x = jax.lax.scan(step, x0, (jnp.arange(1, layout.game.horizon + 1), u))
+    return x
+
+
+def feedback_rollout(
+    layout: Layout,
+    previous: Float[Array, "T n"],
+    u: Float[Array, "T m"],
+    dx: Float[Array, "T n"],
+    du: Float[Array, "T m"],
+    gain: Float[Array, "T m n"],
+    length: Float[Array, ""],
+) -> tuple[Float[Array, "T n"], Float[Array, "T m"]]:
+    """States and controls after a step of a Newton method, by driving it.
+
+    The step says `du = gain dx + k`. Along the nonlinear dynamics states differ from the linear
+    `x + dx`; the gain answers to where they really are, as in differential dynamic programming
+    (Jacobson and Mayne, 1970). Controls stay within their bounds.
+    """
+    before = jnp.concatenate([jnp.zeros_like(dx[:1]), dx[:-1]])
+    forward = length * (du - jnp.einsum("tmn,tn->tm", gain, before))
+    low, high = (jnp.asarray(b[:, layout.n :]) for b in layout.bounds)
+
+    def step(x, stage):
+        t, old_x, old_u, k, matrix, least, most = stage
+        control = jnp.clip(old_u + k + matrix @ (x - old_x), least, most)
+        x = _next_state(layout, t, x, control)
+        return x, (x, control)
+
+    stages = (
+        jnp.arange(1, layout.game.horizon + 1),
+        previous,
+        u,
+        forward,
+        gain,
+        low,
+        high,
+    )
+    return jax.lax.scan(step, previous[0], stages)[1]

@@ -1,0 +1,321 @@
+"""An intersection: cars on their lanes, pedestrians who cross (paper, section VI-B).
+
+Cars are kinematic bicycles that pay for distance to their lane's centre; pedestrians are double
+integrators. Corners, road sides and the edge of the region are constraints. Units: metres, seconds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from foresight_env.datasets import Window
+from foresight_env.games.constraints import Bounds, Inequality
+from foresight_env.games.costs import Effort, Goal, SigmoidProximity
+from foresight_env.games.dynamics import DoubleIntegrator, KinematicBicycle
+from foresight_env.games.game import Game, Player
+from foresight_env.games.roads import (
+    BesideRoads,
+    Circle,
+    Lane,
+    LaneCenter,
+    OutsideCircles,
+    Point,
+    RoadSide,
+)
+
+DT = 0.24
+"""Every sixth frame of a recording at 25 Hz."""
+HORIZON = 28
+WHEELBASE = 1.0
+"""The paper's `l`, m: shorter than a car's, which would turn less for the same steering angle."""
+ACCELERATION_LIMIT = 5.0
+"""Of cars, m/s^2."""
+STEERING_LIMIT = np.pi / 4
+SPEED_LIMIT = 20.0
+"""Of cars, which do not reverse, m/s."""
+WALKING_LIMIT = 3.0
+"""Per axis, m/s."""
+WALKING_ACCELERATION_LIMIT = 5.0
+"""Per axis, m/s^2."""
+PEDESTRIAN_SHRINK = 0.3
+"""Pedestrians stay outside this part of a corner's radius: they walk on its pavement."""
+SHARPNESS = 10.0
+"""Of the collision cost's sigmoid, 1/m."""
+COLLISION_DISTANCE = 1.0
+LANE_WEIGHT = 10.0
+WEIGHT = 1.0
+"""Of goal, control and collision, where the reference starts."""
+WALKING_KINDS = ("pedestrian",)
+"""All others drive."""
+
+
+@dataclass(frozen=True)
+class Region:
+    """Where agents may be: outside corners, beside road sides, inside a box."""
+
+    corners: tuple[Circle, ...] = ()
+    sides: tuple[RoadSide, ...] = ()
+    low: Point = (-np.inf, -np.inf)
+    high: Point = (np.inf, np.inf)
+
+
+def is_walking(kind: str) -> bool:
+    """Whether agents of this kind are pedestrians."""
+    return kind in WALKING_KINDS
+
+
+def player_theta(
+    kind: str,
+    goal: Any,
+    *,
+    goal_weight: float = WEIGHT,
+    control_weight: float = WEIGHT,
+    collision_weight: float = WEIGHT,
+    collision_distance: float = COLLISION_DISTANCE,
+    lane_weight: float = LANE_WEIGHT,
+) -> dict[str, Any]:
+    """One player's parameters: goal (2,) in metres, a distance, and weights of its costs.
+
+    Only cars have a `lane_weight`.
+    """
+    theta = {
+        "goal": goal,
+        "goal_weight": goal_weight,
+        "control_weight": control_weight,
+        "collision_weight": collision_weight,
+        "collision_distance": collision_distance,
+    }
+    return theta if is_walking(kind) else {**theta, "lane_weight": lane_weight}
+
+
+@lru_cache(maxsize=64)
+def intersection_game(
+    kinds: tuple[str, ...],
+    lanes: tuple[Lane | None, ...],
+    region: Region = Region(),
+    horizon: int = HORIZON,
+    dt: float = DT,
+    wheelbase: float = WHEELBASE,
+    penalty: float | None = None,
+) -> Game:
+    """The game between agents of these kinds; `theta` of each player is as `player_theta` makes it.
+
+    Args:
+        kinds: per agent, "pedestrian" or a vehicle's kind.
+        lanes: per agent, a car's lane; None for pedestrians and for cars without one.
+        region: what is forbidden.
+        horizon: stages.
+        dt: s per stage.
+        wheelbase: of cars, m.
+        penalty: None makes the region's constraints hard; a number makes them elastic, for states
+            that are only estimated and may lie outside.
+    """
+    if not kinds:
+        raise ValueError("kinds: is empty; expected one kind per agent")
+    if len(lanes) != len(kinds):
+        raise ValueError(f"lanes: has {len(lanes)} entries; expected one per agent, {len(kinds)}")
+    for i, (kind, lane) in enumerate(zip(kinds, lanes, strict=True)):
+        if is_walking(kind) and lane is not None:
+            raise ValueError(f"lanes[{i}]: agent {i} is a {kind}; pedestrians have no lane")
+    cars = tuple(i for i, kind in enumerate(kinds) if not is_walking(kind))
+    players = []
+    for kind, lane in zip(kinds, lanes, strict=True):
+        walks = is_walking(kind)
+        near = SigmoidProximity(
+            "collision_distance", "collision_weight", SHARPNESS, cars if walks else None
+        )
+        costs: tuple[Any, ...] = (Goal("goal_weight"), Effort("control_weight"), near)
+        if lane is not None:
+            costs = (*costs, LaneCenter(lane, "lane_weight"))
+        players.append(
+            Player(
+                DoubleIntegrator(dt) if walks else KinematicBicycle(dt, wheelbase),
+                costs,
+                state_bounds=_state_bounds(walks, region),
+                control_bounds=_control_bounds(walks),
+                inequalities=_region_constraints(walks, region, penalty),
+                name=kind,
+            )
+        )
+    return Game(tuple(players), horizon, (), dt)
+
+
+def _state_bounds(walks: bool, region: Region) -> Bounds:
+    if walks:
+        low, high = (-WALKING_LIMIT, -WALKING_LIMIT), (WALKING_LIMIT, WALKING_LIMIT)
+    else:
+        low, high = (0.0, -np.inf), (SPEED_LIMIT, np.inf)
+    return Bounds.box([*region.low, *low], [*region.high, *high], 4)
+
+
+def _control_bounds(walks: bool) -> Bounds:
+    if walks:
+        return Bounds.box(-WALKING_ACCELERATION_LIMIT, WALKING_ACCELERATION_LIMIT, 2)
+    limit = np.array([ACCELERATION_LIMIT, STEERING_LIMIT])
+    return Bounds.box(-limit, limit, 2)
+
+
+def _region_constraints(
+    walks: bool, region: Region, penalty: float | None
+) -> tuple[Inequality, ...]:
+    found = []
+    if region.corners:
+        shrink = PEDESTRIAN_SHRINK if walks else 1.0
+        outside = OutsideCircles(region.corners, shrink)
+        found.append(Inequality(outside, len(region.corners), penalty))
+    if region.sides and not walks:
+        found.append(Inequality(BesideRoads(region.sides), len(region.sides), penalty))
+    return tuple(found)
+
+
+class Setting(NamedTuple):
+    """One intersection with its agents."""
+
+    kinds: tuple[str, ...]
+    lanes: tuple[Lane | None, ...]
+    region: Region
+    initial_states: Float[np.ndarray, "N 4"]
+    """`[px, py, vx, vy]` of pedestrians, `[px, py, v, psi]` of cars."""
+    goals: Float[np.ndarray, "N 2"]
+
+    @property
+    def theta(self) -> tuple[dict[str, Any], ...]:
+        """Parameters for `intersection_game`, weights at their defaults."""
+        return tuple(
+            player_theta(kind, goal) for kind, goal in zip(self.kinds, self.goals, strict=True)
+        )
+
+
+def recorded_setting(
+    window: Window, region: Region = Region(), lanes: Sequence[Lane | None] | None = None
+) -> Setting:
+    """The setting of a recorded window: states where it begins, goals where each is seen last.
+
+    Args:
+        window: everybody is seen in its first frame.
+        region: what is forbidden there.
+        lanes: per agent; None fits each car's lane to its own track in the window, which tells a
+            predictor where the car will go: pass lanes fitted to earlier traffic for predictions.
+
+    Raises:
+        ValueError: somebody is missing in the first frame, or a car that has a lane to fit is seen
+            in one frame only.
+    """
+    missing = [a for a, seen in zip(window.agents, window.present[0], strict=True) if not seen]
+    if missing:
+        raise ValueError(
+            f"window: {', '.join(missing)} not seen in its first frame, {window.frames[0]}; begin "
+            "it where everybody is there"
+        )
+    last = [int(np.flatnonzero(seen)[-1]) for seen in window.present.T]
+    places = window.states[:, :, :2]
+    goals = np.stack([places[k, i] for i, k in enumerate(last)])
+    headings = window.unwrapped_headings()[0]
+    states = np.array(window.states[0])
+    found: list[Lane | None] = []
+    for i, kind in enumerate(window.kinds):
+        if is_walking(kind):
+            found.append(None)
+            continue
+        velocity = states[i, 2:].copy()
+        stated = headings[i]
+        heading = stated if np.isfinite(stated) else np.arctan2(velocity[1], velocity[0])
+        states[i, 2:] = np.hypot(*velocity), heading
+        found.append(_own_lane(window, i) if lanes is None else lanes[i])
+    return Setting(window.kinds, tuple(found), region, states, goals)
+
+
+STANDING = 2.0
+"""A car that comes no farther than this within a window has no lane to be fitted, m."""
+
+
+def _own_lane(window: Window, agent: int) -> Lane | None:
+    places = window.states[window.present[:, agent], agent, :2]
+    if np.hypot(*(places[-1] - places[0])) < STANDING:
+        return None
+    try:
+        return Lane.fit(places)
+    except ValueError as error:
+        raise ValueError(
+            f"window: no lane fits the track of {window.agents[agent]}: {error}"
+        ) from None
+
+
+def walking_states(
+    states: Float[np.ndarray, "N 4"], kinds: Sequence[str]
+) -> Float[np.ndarray, "N 4"]:
+    """`[px, py, v, psi]` of all agents with those of pedestrians as `[px, py, vx, vy]`."""
+    out = np.array(states, dtype=float)
+    for i, kind in enumerate(kinds):
+        if is_walking(kind):
+            speed, heading = out[i, 2:]
+            out[i, 2:] = speed * np.cos(heading), speed * np.sin(heading)
+    return out
+
+
+def _fitted(polynomial: Lane, start: float, end: float) -> Lane:
+    """A published polynomial between two places, fitted again in the frame of its own ends.
+
+    In the map's frame the turning lane climbs steeply on one side and comes back up on the other;
+    in its own, slopes are moderate and the line goes on straight where its points end.
+    """
+    line = polynomial.points(np.linspace(start, end, 400))
+    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
+    even = np.arange(0.0, along[-1], 1.0)
+    return Lane.fit(np.stack([np.interp(even, along, c) for c in line.T], axis=1))
+
+
+AACHEN_ROTATION = 2.303611
+"""rad; turns the recorded positions so that the roads lie along the axes."""
+AACHEN_TURNING_POLYNOMIAL = Lane(
+    (0.002435612807751, 0.212982977467914, 6.943601944356569, 100.2666455897435, 607.2095511007267)
+)
+"""The reference's, in the turned frame; meant from the northern arm (x = -12) west to x = -27."""
+AACHEN_TURNING = _fitted(AACHEN_TURNING_POLYNOMIAL, -12.0, -27.0)
+AACHEN_FOLLOWING = Lane((8.304049624037807, 186.6183521575921))
+AACHEN_REGION = Region(
+    corners=(
+        Circle.through((-18.5, 69.0), (-16.5, 72.5), (-22.0, 68.0)),
+        Circle.through((-7.0, 74.0), (-3.0, 69.0), (-6.0, 70.5)),
+        Circle(Circle.through((-27.5, 58.5), (-22.5, 57.0), (-19.5, 52.0)).center, 7.55),
+        Circle.through((-3.0, 58.0), (-7.5, 56.5), (-9.5, 52.0)),
+    ),
+    sides=(
+        RoadSide((-22.0, 68.0), (-33.5, 68.0), "left"),
+        RoadSide((-16.5, 72.5), (-13.5, 99.5), "right"),
+        RoadSide((-3.0, 69.0), (8.5, 68.5), "right"),
+        RoadSide((-7.0, 74.0), (-4.5, 99.0), "left"),
+        RoadSide((-3.0, 58.0), (7.0, 58.0), "left"),
+        RoadSide((-9.5, 52.0), (-12.5, 22.5), "right"),
+        RoadSide((-27.5, 58.5), (-33.5, 58.5), "right"),
+        RoadSide((-19.5, 51.5), (-21.5, 24.0), "left"),
+    ),
+    low=(-35.0, 20.0),
+    high=(10.0, 100.0),
+)
+AACHEN = Setting(
+    ("pedestrian", "pedestrian", "car", "car"),
+    (None, None, AACHEN_TURNING, AACHEN_FOLLOWING),
+    AACHEN_REGION,
+    walking_states(
+        np.array(
+            [
+                [-18.37, 66.26, 1.41, 1.32],
+                [-17.98, 66.28, 1.56, 1.23],
+                [-13.31, 76.94, 4.87, 4.55],
+                [-11.35, 91.86, 4.67, 4.54],
+            ]
+        ),
+        ("pedestrian", "pedestrian", "car", "car"),
+    ),
+    np.array([[-16.0, 75.4], [-14.5, 76.1], [-25.0, 63.85], [-15.0, 62.06]]),
+)
+"""The paper's interaction at Aachen (inD recording 07, location 1): two people finish crossing the
+western arm while a car turns into it and another follows. Goals are not published: pedestrians' are
+where their velocity leads to, cars' lie on their lanes."""

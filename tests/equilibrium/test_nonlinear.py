@@ -1,0 +1,107 @@
+"""Games whose dynamics bend: curvature, driven steps, and cars that must turn."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from foresight_env.equilibrium.curvature import dynamics_hessian, positive_part
+from foresight_env.equilibrium.layout import layout_of
+from foresight_env.equilibrium.rollout import feedback_rollout, rollout
+from foresight_env.games import (
+    Bounds,
+    DoubleIntegrator,
+    Effort,
+    Game,
+    Goal,
+    KinematicBicycle,
+    Player,
+)
+
+
+@pytest.fixture(autouse=True, scope="module")
+def double_precision():
+    with jax.enable_x64(True):
+        yield
+
+
+def mixed(horizon=3):
+    """A person between two cars: linear and nonlinear players interleave."""
+    costs = (Goal(1.0), Effort(1.0))
+    person = Player(DoubleIntegrator(0.2), costs)
+    car = Player(KinematicBicycle(0.2, 1.5), costs, control_bounds=Bounds.box(-0.4, 0.4, 2))
+    return layout_of(Game((car, person, car), horizon))
+
+
+def numbers(layout, seed):
+    random = np.random.default_rng(seed)
+    horizon, n, m = layout.game.horizon, layout.n, layout.m
+    return (
+        jnp.asarray(random.normal(size=(horizon, n))),
+        jnp.asarray(random.uniform(-0.3, 0.3, (horizon, m))),
+        jnp.asarray(random.normal(size=(horizon, n))),
+    )
+
+
+@pytest.mark.parametrize("size", [1, 3, 6])
+def test_the_positive_part_has_the_positive_eigenvalues(size):
+    random = np.random.default_rng(size)
+    basis = np.linalg.qr(random.normal(size=(5, size, size)))[0]
+    values = random.choice([-1.0, 1.0], (5, size)) * random.uniform(0.1, 1.0, (5, size))
+    matrices = (basis * values[:, None, :]) @ np.swapaxes(basis, 1, 2)
+    kept = (basis * np.maximum(values, 0.0)[:, None, :]) @ np.swapaxes(basis, 1, 2)
+    for scale in (1e-6, 1.0, 1e6):
+        found = np.asarray(positive_part(jnp.asarray(scale * matrices)))
+        np.testing.assert_allclose(found, scale * kept, atol=0.02 * scale)
+    np.testing.assert_array_equal(positive_part(jnp.zeros((2, 3, 3))), 0.0)
+
+
+def test_curvature_of_dynamics_is_the_second_derivative():
+    layout, one = mixed(), mixed(1)
+    previous, u, q = numbers(layout, 0)
+    found = dynamics_hessian(layout, previous, u, q)
+
+    def value(w, costate):
+        return jnp.dot(costate, rollout(one, w[: one.n], w[None, one.n :])[0])
+
+    places = jnp.concatenate([previous, u], axis=1)
+    np.testing.assert_allclose(found, jax.vmap(jax.hessian(value))(places, q), atol=1e-12)
+    convex = dynamics_hessian(layout, previous, u, q, jnp.asarray(True))
+    least = np.linalg.eigvalsh(np.asarray(convex)).min()
+    assert least > -0.05 * np.abs(np.asarray(found)).max()
+    kept = dynamics_hessian(layout, previous, u, q, jnp.asarray(False))
+    np.testing.assert_array_equal(kept, found)
+
+
+def test_a_driven_step_without_gain_is_a_rollout_within_bounds():
+    layout = mixed()
+    previous, u, _ = numbers(layout, 1)
+    x = rollout(layout, previous[0], u)
+    before = jnp.concatenate([previous[:1], x[:-1]])
+    du = jnp.full_like(u, 0.3)
+    gain = jnp.zeros((*u.shape, layout.n))
+    states, controls = feedback_rollout(
+        layout, before, u, jnp.ones_like(x), du, gain, jnp.asarray(0.5)
+    )
+    low, high = layout.bounds
+    np.testing.assert_allclose(controls, np.clip(u + 0.15, low[:, layout.n :], high[:, layout.n :]))
+    np.testing.assert_allclose(states, rollout(layout, previous[0], controls))
+
+
+def test_a_driven_step_of_linear_dynamics_is_the_straight_one():
+    player = Player(DoubleIntegrator(0.2), (Goal(1.0), Effort(1.0)))
+    layout, one = (layout_of(Game((player, player), horizon)) for horizon in (4, 1))
+    previous, u, _ = numbers(layout, 2)
+    x = rollout(layout, previous[0], u)
+    before = jnp.concatenate([previous[:1], x[:-1]])
+    random = np.random.default_rng(3)
+    gain = jnp.asarray(random.normal(size=(4, layout.m, layout.n)))
+    feedforward = jnp.asarray(random.normal(size=u.shape))
+    states, changes = [jnp.zeros(layout.n)], []
+    for t in range(4):
+        changes.append(gain[t] @ states[-1] + feedforward[t])
+        states.append(rollout(one, states[-1], changes[-1][None])[0])
+    dx, du = jnp.stack(states[1:]), jnp.stack(changes)
+    found = feedback_rollout(layout, before, u, dx, du, gain, jnp.asarray(1.0))
+    np.testing.assert_allclose(found[0], x + dx, atol=1e-10)
+    np.testing.assert_allclose(found[1], u + du, atol=1e-10)
