@@ -30,6 +30,7 @@ class Study(StrEnum):
     INTERVALS = "intervals"
     ONLINE = "online"
     EGOS = "egos"
+    INTERSECTION = "intersection"
     STRESS = "stress"
     ENVIRONMENT = "environment"
     RECORDINGS = "recordings"

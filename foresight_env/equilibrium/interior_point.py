@@ -136,6 +136,8 @@ EQUALITY_REGULARISATION = 1e-8
 qualification; it vanishes at the solution."""
 VIOLATED = 1e-4
 """Violation above which constraints count as unmet."""
+CONDENSED_ROWS = 8
+"""Constraint rows of a stage above which Newton steps eliminate their multipliers."""
 RUNAWAY_MULTIPLIER = 1e10
 """Multiplier of an unmet constraint at which the method gives up, before numbers overflow."""
 
@@ -253,10 +255,13 @@ def stage_system(
     ev: Evaluation,
     eliminated: Eliminated,
     convex: Bool[Array, ""] | None = None,
+    *,
+    condensed: bool = False,
 ) -> StageSystem:
     """The linear system with slacks and bound multipliers eliminated.
 
-    `convex`: whether to use the positive part of the dynamics' curvature only (None: no).
+    `convex`: whether to use the positive part of the dynamics' curvature only (None: no);
+    `condensed`: whether row multipliers are eliminated too.
     """
     lin = ev.lin
     diagonal = eliminated.ratios.low + eliminated.ratios.high
@@ -264,7 +269,10 @@ def stage_system(
     hessian = lin.hessian + jnp.where(eye, diagonal[:, :, None], 0.0)
     curvature = dynamics_hessian(layout, lin.previous, point.u, ev.q, convex)
     b = lin.b
-    if layout.rows:
+    if condensed:
+        weighted = lin.jacobian / eliminated.softness[:, :, None]
+        hessian = hessian + jnp.einsum("tka,tkb->tab", lin.share * lin.jacobian, weighted)
+    elif layout.rows:
         # Row multipliers stay among a stage's unknowns, beside its controls. Eliminating them too
         # would put weights of 1e11 on positions and lose the game's own curvature to rounding.
         soft = eliminated.softness
@@ -291,6 +299,8 @@ def direction(
     factor: Factor,
     eliminated: Eliminated,
     linear: Linear,
+    *,
+    condensed: bool = False,
 ) -> Iterate:
     """Solve for one right-hand side and recover slacks and multipliers."""
     lin, res, n = ev.lin, ev.residual, layout.n
@@ -305,9 +315,24 @@ def direction(
     row = jnp.where(pairs.equality, 0.0, target.row / jnp.where(pairs.equality, 1.0, slope.row))
     wanted = row - excess - res.rows
     shift = high - low
-    rest = jnp.concatenate([shift[:, n:] + res.stationarity, -wanted], axis=1)
-    dx, du, mult = solve_stages(factor, shift[:, :n], rest, res.defect, jnp.zeros(n), layout.m)
-    dw = jnp.concatenate([dx, du], axis=1)
+    stationary = shift[:, n:] + res.stationarity
+    if condensed:
+        soft = eliminated.softness
+        pull = jnp.einsum("tka,tk->ta", lin.share * lin.jacobian, wanted / soft)
+        dx, du, _ = solve_stages(
+            factor,
+            shift[:, :n] - pull[:, :n],
+            stationary - pull[:, n:],
+            res.defect,
+            jnp.zeros(n),
+            layout.m,
+        )
+        dw = jnp.concatenate([dx, du], axis=1)
+        mult = (wanted - jnp.sum(lin.jacobian * dw[:, None, :], axis=2)) / soft
+    else:
+        rest = jnp.concatenate([stationary, -wanted], axis=1)
+        dx, du, mult = solve_stages(factor, shift[:, :n], rest, res.defect, jnp.zeros(n), layout.m)
+        dw = jnp.concatenate([dx, du], axis=1)
     exists = split(layout, pairs.exists)
     excess = excess + known.excess * mult
     reached = jnp.sum(lin.jacobian * dw[:, None, :], axis=2) + excess + res.rows
@@ -398,8 +423,10 @@ def newton_step(
     convex = ev.error > CONVEX_ABOVE
     if local is not None:
         convex &= ~local
-    factor = factorise(stage_system(layout, point, ev, eliminated, convex))
-    first = direction(layout, pairs, ev, factor, eliminated, linear)
+    condensed = len(layout.rows) > CONDENSED_ROWS and not layout.equality.any()
+    system = stage_system(layout, point, ev, eliminated, convex, condensed=condensed)
+    factor = factorise(system)
+    first = direction(layout, pairs, ev, factor, eliminated, linear, condensed=condensed)
 
     def along_the_path() -> Iterate:
         primal, dual = step_lengths(pairs, point, first, 1.0)
@@ -416,7 +443,7 @@ def newton_step(
         second_order = jnp.where(average > 10.0 * end, 1.0, 0.0)
         wanted = barrier - second_order * first.slack * first.mult
         target = on_the_path(pairs, point, wanted)
-        step = direction(layout, pairs, ev, factor, eliminated, target)
+        step = direction(layout, pairs, ev, factor, eliminated, target, condensed=condensed)
         fraction = jnp.maximum(0.99, 1.0 - average)
         primal, dual = step_lengths(pairs, point, step, fraction)
         return driven(layout, ev, factor, advance(point, step, primal, dual), point, step, primal)

@@ -151,12 +151,11 @@ def linearise(
             total += _stage_cost(cost, i, t, w, at, theta[i], layout, convexity)
         for cost in player.undiscounted_costs:
             total += scale[i] * _stage_cost(cost, i, t, w, at, theta[i], layout, convexity)
-        if layout.rows:
-            own = row_share[:, layout.state_slices[i].start]
-            values = _partly_linear(
-                lambda v: layout.constraint_values(t, v, theta), w, at, convexity
-            )
-            total -= jnp.sum(own * mult * values)
+        rows = layout.rows_of(i)
+        if rows.size:
+            price = (row_share[:, layout.state_slices[i].start] * mult)[rows]
+            values = _partly_linear(lambda v: layout.values_of(i, t, v, theta), w, at, convexity)
+            total -= jnp.sum(price * values)
         return total
 
     def pseudo_gradient(w, t, at, scale, mult, row_share):

@@ -7,6 +7,7 @@ player by player, then shared ones.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import pairwise
@@ -136,9 +137,25 @@ class Layout:
         self, t: Array, w: Float[Array, "w"], thetas: tuple[Theta, ...]
     ) -> Float[Array, "K"]:
         """All constraint rows of stage `t`."""
+        return self._values(t, w, thetas, range(len(self.game.players)))
+
+    def rows_of(self, i: int) -> np.ndarray:
+        """Numbers of the rows that `values_of` evaluates: player i's own, and all shared ones."""
+        return np.array([k for k, row in enumerate(self.rows) if row.player in (i, -1)], dtype=int)
+
+    def values_of(
+        self, i: int, t: Array, w: Float[Array, "w"], thetas: tuple[Theta, ...]
+    ) -> Float[Array, "own"]:
+        """The constraint rows of stage `t` that can bind player i."""
+        return self._values(t, w, thetas, (i,))
+
+    def _values(
+        self, t: Array, w: Array, thetas: tuple[Theta, ...], players: Iterable[int]
+    ) -> Array:
         x, u = self.split(w)
         parts = [jnp.zeros(0, w.dtype)]
-        for i, player in enumerate(self.game.players):
+        for i in players:
+            player = self.game.players[i]
             own: tuple[Inequality | Equality, ...] = (*player.inequalities, *player.equalities)
             for constraint in own:
                 parts.append(jnp.asarray(constraint.function(i, t, x, u, thetas[i])))
