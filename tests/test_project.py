@@ -120,4 +120,6 @@ def test_documented_code_runs(name, tmp_path, monkeypatch):
 
 
 def test_there_is_documented_code():
-    assert {"docs/defining_a_game.md", "docs/lane_change.md"} <= set(blocks())
+    assert {"docs/defining_a_game.md", "docs/intersection.md", "docs/lane_change.md"} <= set(
+        blocks()
+    )

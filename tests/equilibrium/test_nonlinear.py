@@ -5,17 +5,33 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from foresight_env.equilibrium import Options
 from foresight_env.equilibrium.curvature import dynamics_hessian, positive_part
+from foresight_env.equilibrium.interior_point import (
+    direction,
+    eliminate_pairs,
+    evaluate,
+    on_the_path,
+    stage_system,
+)
 from foresight_env.equilibrium.layout import layout_of
+from foresight_env.equilibrium.pairs import pairs_of
 from foresight_env.equilibrium.rollout import feedback_rollout, rollout
+from foresight_env.equilibrium.stagewise import factorise
+from foresight_env.equilibrium.start import begin
+from foresight_env.equilibrium.validation import check_parameters
 from foresight_env.games import (
     Bounds,
     DoubleIntegrator,
     Effort,
     Game,
     Goal,
+    Inequality,
+    KeepAllApart,
+    KeepApart,
     KinematicBicycle,
     Player,
+    SharedInequality,
 )
 
 
@@ -105,3 +121,32 @@ def test_a_driven_step_of_linear_dynamics_is_the_straight_one():
     found = feedback_rollout(layout, before, u, dx, du, gain, jnp.asarray(1.0))
     np.testing.assert_allclose(found[0], x + dx, atol=1e-10)
     np.testing.assert_allclose(found[1], u + du, atol=1e-10)
+
+
+def test_eliminated_row_multipliers_make_the_same_step():
+    """Hard, elastic and common shared rows, on the path's beginning."""
+    hard, elastic = Inequality(KeepApart(0.5), 1), Inequality(KeepApart(1.5), 1, 4.0)
+    costs = (Goal(1.0), Effort(1.0))
+    car = Player(KinematicBicycle(0.2, 1.5), costs, inequalities=(hard, elastic))
+    shared = (SharedInequality(KeepAllApart(0.8), 1, "common"),)
+    game = Game((car, car), 4, shared)
+    layout, options = layout_of(game), Options()
+    states = np.array([[0.0, 0.0, 1.0, 0.1], [2.0, 0.3, 1.0, 3.0]])
+    theta = [{"goal": np.array([2.0, 0.0])}, {"goal": np.array([0.0, 0.5])}]
+    parameters = jax.tree.map(
+        jnp.asarray, check_parameters(game, states, theta, np.array([0.7, 0.9]))
+    )
+    pairs, point = pairs_of(layout), begin(layout, options, parameters, None).point
+    ev = evaluate(layout, pairs, point, parameters, jnp.zeros(()), options.barrier)
+    linear = on_the_path(pairs, point, jnp.asarray(0.05))
+    eliminated = eliminate_pairs(layout, pairs, linear)
+
+    def step(condensed):
+        system = stage_system(layout, point, ev, eliminated, condensed=condensed)
+        return direction(
+            layout, pairs, ev, factorise(system), eliminated, linear, condensed=condensed
+        )
+
+    compiled = jax.jit(step, static_argnums=0)
+    for one, other in zip(compiled(False), compiled(True), strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-9 * (1.0 + np.abs(one).max()))

@@ -101,6 +101,20 @@ def test_a_lane_goes_through_the_points_that_it_was_fitted_to():
     np.testing.assert_allclose(np.hypot(*(drawn - [3.0, -7.0]).T), 20.0, atol=0.02)
 
 
+def test_beyond_its_points_a_lane_goes_on_straight():
+    angle = np.linspace(0.0, 1.2, 30)
+    lane = Lane.fit(20.0 * np.stack([np.cos(angle), np.sin(angle)], axis=1))
+    start, end = lane.reach
+    for edge, beyond in ((start, start - 30.0), (end, end + 30.0)):
+        inner, at_edge, far = lane.points(
+            np.array([edge + np.sign(edge - beyond) * 1e-4, edge, beyond])
+        )
+        tangent, onward = at_edge - inner, far - at_edge
+        cross = tangent[0] * onward[1] - tangent[1] * onward[0]
+        assert abs(cross) < 1e-3 * np.hypot(*tangent) * np.hypot(*onward)
+        np.testing.assert_allclose(lane.offset(jnp.asarray(far)), 0.0, atol=1e-9)
+
+
 def test_the_cost_of_a_lane_is_its_squared_offset():
     lane = Lane((0.05, 0.2, 1.0), (1.0, 2.0), 0.4)
     x = at((4.0, 5.0))
