@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from foresight_env.games.costs import Weight, weight_value
-from foresight_env.games.types import Controls, Scalar, StageNumber, States, Theta
+from foresight_env.games.types import AnyArray, Controls, Scalar, StageNumber, States, Theta
 
 Point = tuple[float, float]
 
@@ -179,7 +179,7 @@ class Lane:
             (0.0, length),
         )
 
-    def offset(self, position: Float[Array, "2"]) -> Scalar:
+    def offset(self, position: Float[AnyArray, "2"]) -> Scalar:
         """Distance (m) to the centre line, to first order, positive on its left.
 
         The distance across the frame over `sqrt(1 + slope^2)`: exact for a straight lane.
