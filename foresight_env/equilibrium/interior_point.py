@@ -87,6 +87,16 @@ class Accuracy(NamedTuple):
     """Largest entry of the scaled KKT residual."""
 
 
+def has_condensed_rows(layout: Layout) -> bool:
+    """Whether Newton steps eliminate row multipliers: many rows, and each one player's own.
+
+    Shared rows stay among the unknowns: of six walkers with a shared constraint 28 % instead of
+    94 % were solved without them.
+    """
+    own = not layout.game.shared and not layout.equality.any()
+    return own and len(layout.rows) > CONDENSED_ROWS
+
+
 def step_limit(layout: Layout, options: Options) -> int:
     """Newton steps that an attempt along the path may take."""
     return options.max_iterations if layout.linear else options.nonlinear_iterations
@@ -423,7 +433,7 @@ def newton_step(
     convex = ev.error > CONVEX_ABOVE
     if local is not None:
         convex &= ~local
-    condensed = len(layout.rows) > CONDENSED_ROWS and not layout.equality.any()
+    condensed = has_condensed_rows(layout)
     system = stage_system(layout, point, ev, eliminated, convex, condensed=condensed)
     factor = factorise(system)
     first = direction(layout, pairs, ev, factor, eliminated, linear, condensed=condensed)
