@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from functools import partial
+from typing import Any
+
 import numpy as np
 
 from benchmarks.report import Result, Row, Setting
 from benchmarks.timing import Yardstick, median_seconds
-from foresight_env.equilibrium import Solution, Status, shift, solve, verify
+from foresight_env.equilibrium import Status, shift, solve, verify
 from foresight_env.games import Game, inside_bounds
-from foresight_env.scenarios.intersection import AACHEN, intersection_game, player_theta
+from foresight_env.scenarios.aachen import AACHEN
+from foresight_env.scenarios.intersection import driving_state, intersection_game, player_theta
 
 WANTED_SECONDS = 0.010
 """Median of a forward solve, on a machine whose yardstick is 2.5 ms."""
@@ -22,13 +26,12 @@ KINDS = {
 
 def draw(
     random: np.random.Generator, kinds: tuple[str, ...]
-) -> tuple[np.ndarray, list, np.ndarray]:
+) -> tuple[np.ndarray, list[dict[str, Any]], np.ndarray]:
     """States, parameters and discount factors of one game."""
     states = AACHEN.initial_states.copy()
     for i, kind in enumerate(kinds):
         if kind != AACHEN.kinds[i]:
-            velocity = states[i, 2:].copy()
-            states[i, 2:] = np.hypot(*velocity), np.arctan2(velocity[1], velocity[0])
+            states[i] = driving_state(states[i])
     states += SPREAD * random.normal(size=states.shape)
     goals = AACHEN.goals + random.normal(size=AACHEN.goals.shape)
     theta = [player_theta(kind, goal) for kind, goal in zip(kinds, goals, strict=True)]
@@ -44,10 +47,7 @@ def row(name: str, kinds: tuple[str, ...], games: int) -> Row:
     yardstick = Yardstick.measure()
     cold, warm, steps, found, statuses = [], [], [], [], []
     for states, theta, gamma in drawn:
-
-        def call(states=states, theta=theta, gamma=gamma) -> Solution:
-            return solve(game, states, theta, gamma)
-
+        call = partial(solve, game, states, theta, gamma)
         solution = call()
         cold.append(median_seconds(call, 3))
         steps.append(int(solution.iterations))
@@ -57,10 +57,7 @@ def row(name: str, kinds: tuple[str, ...], games: int) -> Row:
         found.append(bool(verify(game, solution, theta, gamma).is_local_equilibrium))
         guess = shift(solution)
         following = inside_bounds(game, [np.asarray(s[1]) for s in solution.states])
-
-        def again(following=following, theta=theta, gamma=gamma, guess=guess) -> Solution:
-            return solve(game, following, theta, gamma, guess=guess)
-
+        again = partial(solve, game, following, theta, gamma, guess=guess)
         warm.append(median_seconds(again, 3))
     median = float(np.median(cold))
     return {

@@ -20,14 +20,10 @@ from scipy.sparse.linalg import splu
 from benchmarks.report import Result, Row, Setting
 from benchmarks.timing import Yardstick, median_seconds
 from foresight_env.equilibrium import Options
-from foresight_env.equilibrium.interior_point import (
-    eliminate_pairs,
-    evaluate,
-    on_the_path,
-    stage_system,
-)
 from foresight_env.equilibrium.layout import layout_of
+from foresight_env.equilibrium.newton_system import eliminate_pairs, on_the_path, stage_system
 from foresight_env.equilibrium.pairs import pairs_of
+from foresight_env.equilibrium.residual import evaluate
 from foresight_env.equilibrium.stagewise import StageSystem, factorise, solve_stages
 from foresight_env.equilibrium.start import begin
 from foresight_env.equilibrium.validation import check_parameters

@@ -22,16 +22,15 @@ from foresight_env.equilibrium.interior_point import (
     Options,
     accuracy_of,
     converged,
-    evaluate,
     hopeless,
     is_finite,
     newton_step,
     step_limit,
-    violation,
 )
 from foresight_env.equilibrium.kkt import Iterate, Parameters
 from foresight_env.equilibrium.layout import Layout, layout_of
 from foresight_env.equilibrium.pairs import pairs_of
+from foresight_env.equilibrium.residual import evaluate, violation
 from foresight_env.equilibrium.solve import Solution, check_iterate, to_solution
 from foresight_env.equilibrium.start import Start, begin, begin_attempt
 from foresight_env.equilibrium.validation import check_parameters

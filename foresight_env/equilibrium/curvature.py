@@ -17,7 +17,7 @@ from foresight_env.equilibrium.layout import Layout
 CONVEX_ABOVE = 1.0
 """Largest entry of the KKT residual above which only the positive part is used."""
 SIGN_STEPS = 10
-"""Newton-Schulz steps: eigenvalues above a twentieth of the largest are told apart by sign."""
+"""Newton-Schulz steps: eigenvalues above a twentieth of the matrix norm are told apart by sign."""
 
 
 def dynamics_hessian(

@@ -19,17 +19,14 @@ from foresight_env.equilibrium.interior_point import (
     Options,
     accuracy_of,
     converged,
-    eliminate_pairs,
-    evaluate,
     iterate,
-    on_the_path,
-    stage_system,
     step_limit,
-    violation,
 )
 from foresight_env.equilibrium.kkt import Iterate, Parameters
 from foresight_env.equilibrium.layout import Layout
+from foresight_env.equilibrium.newton_system import eliminate_pairs, on_the_path, stage_system
 from foresight_env.equilibrium.pairs import Parts, join, pairs_of, split
+from foresight_env.equilibrium.residual import evaluate, violation
 from foresight_env.equilibrium.stagewise import factorise, solve_stages
 from foresight_env.equilibrium.start import Start, begin_attempt
 from foresight_env.games.types import Scalar

@@ -152,6 +152,7 @@ class Layout:
     def _values(
         self, t: Array, w: Array, thetas: tuple[Theta, ...], players: Iterable[int]
     ) -> Array:
+        """Own rows of these players, then all shared ones."""
         x, u = self.split(w)
         parts = [jnp.zeros(0, w.dtype)]
         for i in players:

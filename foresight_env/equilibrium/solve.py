@@ -19,10 +19,11 @@ from jaxtyping import Array, Float, Int
 
 from foresight_env.equilibrium.diagnosis import check_start_is_finite
 from foresight_env.equilibrium.implicit import Equilibrium, equilibrium
-from foresight_env.equilibrium.interior_point import VIOLATED, Options, largest_multiplier
+from foresight_env.equilibrium.interior_point import Options
 from foresight_env.equilibrium.kkt import Iterate, Parameters
 from foresight_env.equilibrium.layout import Layout, layout_of
 from foresight_env.equilibrium.pairs import pairs_of
+from foresight_env.equilibrium.residual import VIOLATED, largest_multiplier
 from foresight_env.equilibrium.start import Start, begin, from_controls
 from foresight_env.equilibrium.status import SolveError, Status
 from foresight_env.equilibrium.validation import BOUND_SLACK, check_parameters

@@ -18,10 +18,11 @@ from jaxtyping import Array, Bool, Float
 from foresight_env.equilibrium.best_response import best_response_game, best_response_theta
 from foresight_env.equilibrium.curvature import dynamics_hessian
 from foresight_env.equilibrium.implicit import Equilibrium, equilibrium
-from foresight_env.equilibrium.interior_point import Options, evaluate
+from foresight_env.equilibrium.interior_point import Options
 from foresight_env.equilibrium.kkt import Iterate, Parameters, discount_ratios, row_shares
 from foresight_env.equilibrium.layout import Layout, layout_of
 from foresight_env.equilibrium.pairs import Parts, join, pairs_of, split
+from foresight_env.equilibrium.residual import evaluate
 from foresight_env.equilibrium.solve import Solution
 from foresight_env.equilibrium.start import Start, begin
 from foresight_env.equilibrium.status import Status

@@ -142,6 +142,10 @@ class Lane:
     angle: float = 0.0
     reach: tuple[float, float] = (-np.inf, np.inf)
 
+    def __post_init__(self) -> None:
+        if not self.reach[0] < self.reach[1]:
+            raise ValueError(f"reach: is {self.reach}; expected (from, to), from below to")
+
     @staticmethod
     def fit(points: Float[np.ndarray, "K 2"], degree: int = 4) -> Lane:
         """Least squares through points of the centre line, in the frame of its first and last.

@@ -204,9 +204,13 @@ def recorded_setting(
             predictor where the car will go: pass lanes fitted to earlier traffic for predictions.
 
     Raises:
-        ValueError: somebody is missing in the first frame, or a car that has a lane to fit is seen
-            in one frame only.
+        ValueError: `lanes` of another length, somebody missing in the first frame, a car standing
+            there with no heading stated, or a track that no lane fits.
     """
+    if lanes is not None and len(lanes) != len(window.agents):
+        raise ValueError(
+            f"lanes: has {len(lanes)} entries; expected one per agent, {len(window.agents)}"
+        )
     missing = [a for a, seen in zip(window.agents, window.present[0], strict=True) if not seen]
     if missing:
         raise ValueError(
@@ -216,19 +220,29 @@ def recorded_setting(
     last = [int(np.flatnonzero(seen)[-1]) for seen in window.present.T]
     places = window.states[:, :, :2]
     goals = np.stack([places[k, i] for i, k in enumerate(last)])
-    headings = window.unwrapped_headings()[0]
+    cars = [i for i, kind in enumerate(window.kinds) if not is_walking(kind)]
     states = np.array(window.states[0])
-    found: list[Lane | None] = []
-    for i, kind in enumerate(window.kinds):
-        if is_walking(kind):
-            found.append(None)
-            continue
-        velocity = states[i, 2:].copy()
-        stated = headings[i]
-        heading = stated if np.isfinite(stated) else np.arctan2(velocity[1], velocity[0])
-        states[i, 2:] = np.hypot(*velocity), heading
-        found.append(_own_lane(window, i) if lanes is None else lanes[i])
-    return Setting(window.kinds, tuple(found), region, states, goals)
+    for i in cars:
+        heading = float(window.headings[0, i])
+        if not (np.isfinite(heading) or states[i, 2:].any()):
+            raise ValueError(
+                f"window: {window.agents[i]} stands in its first frame and the recording states no "
+                "heading; begin it where the car moves"
+            )
+        states[i] = driving_state(states[i], heading)
+    if lanes is None:
+        lanes = [_own_lane(window, i) if i in cars else None for i in range(len(window.kinds))]
+    return Setting(window.kinds, tuple(lanes), region, states, goals)
+
+
+def driving_state(state: Float[np.ndarray, "4"], heading: float = np.nan) -> Float[np.ndarray, "4"]:
+    """`[px, py, vx, vy]` as a car's `[px, py, v, psi]` (m, m/s, rad).
+
+    The heading is that of the velocity where none is given.
+    """
+    velocity = state[2:]
+    own = np.arctan2(velocity[1], velocity[0]) if np.isnan(heading) else heading
+    return np.array([*state[:2], np.hypot(*velocity), own])
 
 
 STANDING = 2.0
@@ -245,77 +259,3 @@ def _own_lane(window: Window, agent: int) -> Lane | None:
         raise ValueError(
             f"window: no lane fits the track of {window.agents[agent]}: {error}"
         ) from None
-
-
-def walking_states(
-    states: Float[np.ndarray, "N 4"], kinds: Sequence[str]
-) -> Float[np.ndarray, "N 4"]:
-    """`[px, py, v, psi]` of all agents with those of pedestrians as `[px, py, vx, vy]`."""
-    out = np.array(states, dtype=float)
-    for i, kind in enumerate(kinds):
-        if is_walking(kind):
-            speed, heading = out[i, 2:]
-            out[i, 2:] = speed * np.cos(heading), speed * np.sin(heading)
-    return out
-
-
-def _fitted(polynomial: Lane, start: float, end: float) -> Lane:
-    """A published polynomial between two places, fitted again in the frame of its own ends.
-
-    In the map's frame the turning lane climbs steeply on one side and comes back up on the other;
-    in its own, slopes are moderate and the line goes on straight where its points end.
-    """
-    line = polynomial.points(np.linspace(start, end, 400))
-    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
-    even = np.arange(0.0, along[-1], 1.0)
-    return Lane.fit(np.stack([np.interp(even, along, c) for c in line.T], axis=1))
-
-
-AACHEN_ROTATION = 2.303611
-"""rad; turns the recorded positions so that the roads lie along the axes."""
-AACHEN_TURNING_POLYNOMIAL = Lane(
-    (0.002435612807751, 0.212982977467914, 6.943601944356569, 100.2666455897435, 607.2095511007267)
-)
-"""The reference's, in the turned frame; meant from the northern arm (x = -12) west to x = -27."""
-AACHEN_TURNING = _fitted(AACHEN_TURNING_POLYNOMIAL, -12.0, -27.0)
-AACHEN_FOLLOWING = Lane((8.304049624037807, 186.6183521575921))
-AACHEN_REGION = Region(
-    corners=(
-        Circle.through((-18.5, 69.0), (-16.5, 72.5), (-22.0, 68.0)),
-        Circle.through((-7.0, 74.0), (-3.0, 69.0), (-6.0, 70.5)),
-        Circle(Circle.through((-27.5, 58.5), (-22.5, 57.0), (-19.5, 52.0)).center, 7.55),
-        Circle.through((-3.0, 58.0), (-7.5, 56.5), (-9.5, 52.0)),
-    ),
-    sides=(
-        RoadSide((-22.0, 68.0), (-33.5, 68.0), "left"),
-        RoadSide((-16.5, 72.5), (-13.5, 99.5), "right"),
-        RoadSide((-3.0, 69.0), (8.5, 68.5), "right"),
-        RoadSide((-7.0, 74.0), (-4.5, 99.0), "left"),
-        RoadSide((-3.0, 58.0), (7.0, 58.0), "left"),
-        RoadSide((-9.5, 52.0), (-12.5, 22.5), "right"),
-        RoadSide((-27.5, 58.5), (-33.5, 58.5), "right"),
-        RoadSide((-19.5, 51.5), (-21.5, 24.0), "left"),
-    ),
-    low=(-35.0, 20.0),
-    high=(10.0, 100.0),
-)
-AACHEN = Setting(
-    ("pedestrian", "pedestrian", "car", "car"),
-    (None, None, AACHEN_TURNING, AACHEN_FOLLOWING),
-    AACHEN_REGION,
-    walking_states(
-        np.array(
-            [
-                [-18.37, 66.26, 1.41, 1.32],
-                [-17.98, 66.28, 1.56, 1.23],
-                [-13.31, 76.94, 4.87, 4.55],
-                [-11.35, 91.86, 4.67, 4.54],
-            ]
-        ),
-        ("pedestrian", "pedestrian", "car", "car"),
-    ),
-    np.array([[-16.0, 75.4], [-14.5, 76.1], [-25.0, 63.85], [-15.0, 62.06]]),
-)
-"""The paper's interaction at Aachen (inD recording 07, location 1): two people finish crossing the
-western arm while a car turns into it and another follows. Goals are not published: pedestrians' are
-where their velocity leads to, cars' lie on their lanes."""

@@ -12,16 +12,16 @@ import numpy as np
 import pytest
 
 from foresight_env.equilibrium import Options
-from foresight_env.equilibrium.interior_point import (
+from foresight_env.equilibrium.interior_point import newton_step
+from foresight_env.equilibrium.layout import layout_of
+from foresight_env.equilibrium.newton_system import (
     direction,
     eliminate_pairs,
-    evaluate,
     fischer_burmeister,
-    newton_step,
     stage_system,
 )
-from foresight_env.equilibrium.layout import layout_of
 from foresight_env.equilibrium.pairs import pairs_of
+from foresight_env.equilibrium.residual import evaluate
 from foresight_env.equilibrium.stagewise import StageSystem, factorise, solve_stages
 from foresight_env.equilibrium.start import begin
 from foresight_env.equilibrium.validation import check_parameters

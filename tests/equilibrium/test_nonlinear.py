@@ -7,15 +7,15 @@ import pytest
 
 from foresight_env.equilibrium import Options
 from foresight_env.equilibrium.curvature import dynamics_hessian, positive_part
-from foresight_env.equilibrium.interior_point import (
+from foresight_env.equilibrium.layout import layout_of
+from foresight_env.equilibrium.newton_system import (
     direction,
     eliminate_pairs,
-    evaluate,
     on_the_path,
     stage_system,
 )
-from foresight_env.equilibrium.layout import layout_of
 from foresight_env.equilibrium.pairs import pairs_of
+from foresight_env.equilibrium.residual import evaluate
 from foresight_env.equilibrium.rollout import feedback_rollout, rollout
 from foresight_env.equilibrium.stagewise import factorise
 from foresight_env.equilibrium.start import begin

@@ -115,6 +115,11 @@ def test_beyond_its_points_a_lane_goes_on_straight():
         np.testing.assert_allclose(lane.offset(jnp.asarray(far)), 0.0, atol=1e-9)
 
 
+def test_a_lane_reaches_forward():
+    with pytest.raises(ValueError, match="reach: is"):
+        Lane((1.0, 0.0), reach=(5.0, 0.0))
+
+
 def test_the_cost_of_a_lane_is_its_squared_offset():
     lane = Lane((0.05, 0.2, 1.0), (1.0, 2.0), 0.4)
     x = at((4.0, 5.0))

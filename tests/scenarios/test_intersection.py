@@ -7,10 +7,8 @@ import pytest
 from foresight_env.datasets import Recording, Track
 from foresight_env.equilibrium import Status, solve, verify
 from foresight_env.games.roads import BesideRoads, OutsideCircles
+from foresight_env.scenarios.aachen import AACHEN, AACHEN_TURNING, AACHEN_TURNING_POLYNOMIAL
 from foresight_env.scenarios.intersection import (
-    AACHEN,
-    AACHEN_TURNING,
-    AACHEN_TURNING_POLYNOMIAL,
     PEDESTRIAN_SHRINK,
     intersection_game,
     player_theta,
@@ -51,6 +49,12 @@ def test_pedestrians_walk_on_the_corners():
     shrinks = {p.name: p.inequalities[0].function.shrink for p in game.players}
     assert shrinks == {"pedestrian": PEDESTRIAN_SHRINK, "car": 1.0}
     assert len(game.players[0].inequalities) == 1  # road sides are for cars
+
+
+def test_a_game_may_be_elastic_and_its_cars_longer():
+    game = intersection_game(("car",), (None,), AACHEN.region, wheelbase=2.7, penalty=5.0)
+    assert [c.penalty for c in game.players[0].inequalities] == [5.0, 5.0]
+    assert game.players[0].dynamics.wheelbase == 2.7
 
 
 @pytest.mark.parametrize(
@@ -109,6 +113,15 @@ def test_a_setting_begins_where_everybody_is_there():
     begun = recorded_setting(made.window(("1", "2"), 2, 8))
     # The person is gone two frames before the end; the goal is where it was seen last.
     np.testing.assert_allclose(begun.goals[0], [0.0, 2.625])
+
+
+def test_windows_that_make_no_setting_are_refused():
+    standing = recording(track("3", "car", (0.0, 20.0), (0.0, 0.0))).window(("3",), 0, 8)
+    with pytest.raises(ValueError, match="window: 3 stands in its first frame"):
+        recorded_setting(standing)
+    moving = recording(track("2", "car", (-9.0, 3.0), (3.0, -4.0))).window(("2",), 0, 8)
+    with pytest.raises(ValueError, match="lanes: has 2 entries; expected one per agent, 1"):
+        recorded_setting(moving, lanes=(None, None))
 
 
 def test_only_cars_have_a_lane_weight():

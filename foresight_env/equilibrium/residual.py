@@ -1,0 +1,89 @@
+"""Residuals of the perturbed KKT conditions at a point, with the derivatives that they need."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from foresight_env.equilibrium.kkt import (
+    Iterate,
+    Linearisation,
+    Parameters,
+    costates,
+    linearise,
+    stationarity,
+)
+from foresight_env.equilibrium.layout import Layout
+from foresight_env.equilibrium.pairs import Pairs, distances_to_bounds, split
+from foresight_env.games.types import Scalar
+
+VIOLATED = 1e-4
+"""Violation above which constraints count as unmet."""
+
+
+class Residual(NamedTuple):
+    """Left-hand sides of the perturbed KKT conditions that a Newton step drives to zero."""
+
+    stationarity: Float[Array, "T m"]
+    defect: Float[Array, "T n"]
+    low: Float[Array, "T w"]
+    high: Float[Array, "T w"]
+    rows: Float[Array, "T K"]
+
+
+class Evaluation(NamedTuple):
+    """A point with its derivatives."""
+
+    lin: Linearisation
+    q: Float[Array, "T n"]
+    residual: Residual
+    error: Scalar
+    complementarity: Scalar
+
+
+def evaluate(
+    layout: Layout,
+    pairs: Pairs,
+    point: Iterate,
+    parameters: Parameters,
+    convexity: Scalar,
+    barrier: Scalar | float,
+) -> Evaluation:
+    """Derivatives and residuals at `point`, with products of `barrier` in mind."""
+    lin = linearise(layout, point, parameters, convexity)
+    q = costates(lin, layout.n)
+    above, below = distances_to_bounds(layout, pairs, jnp.concatenate([point.x, point.u], axis=1))
+    exists, slack = split(layout, pairs.exists), split(layout, point.slack)
+    residual = Residual(
+        stationarity(lin, q),
+        lin.defect,
+        jnp.where(exists.low, above - slack.low, 0.0),
+        jnp.where(exists.high, below - slack.high, 0.0),
+        lin.values
+        - jnp.where(pairs.equality, 0.0, slack.row)
+        + jnp.where(pairs.elastic, slack.excess, 0.0),
+    )
+    # Negative slacks and multipliers, which local steps pass through, solve nothing.
+    products = jnp.maximum(point.slack, 0.0) * jnp.maximum(point.mult, 0.0)
+    off_path = jnp.where(pairs.exists, barrier - products, 0.0)
+    return Evaluation(
+        lin, q, residual, _largest(jnp.concatenate(residual, axis=1)), _largest(off_path)
+    )
+
+
+def violation(ev: Evaluation) -> Scalar:
+    """Largest violation of a bound or a constraint."""
+    residual = ev.residual
+    return _largest(jnp.concatenate([residual.low, residual.high, residual.rows], axis=1))
+
+
+def largest_multiplier(layout: Layout, point: Iterate) -> Scalar:
+    """Largest multiplier of a bound or a constraint; what is left of penalties does not count."""
+    mult = split(layout, point.mult)
+    return _largest(jnp.concatenate([mult.low, mult.high, mult.row], axis=1))
+
+
+def _largest(values: Array) -> Scalar:
+    return jnp.max(jnp.abs(values), initial=0.0)
