@@ -15,6 +15,7 @@ from jaxtyping import Float
 from agents.planning import Plan, plan_equilibrium
 from agents.policy import Decision
 from foresight_env.envs.scene import Scene
+from foresight_env.envs.world import unstacked
 
 
 class OracleMemory(NamedTuple):
@@ -45,10 +46,7 @@ class Oracle:
     def act(self, memory: OracleMemory) -> tuple[Decision, OracleMemory]:
         """See `EgoPolicy`."""
         info, scene = memory.info, memory.scene
-        theta = [
-            {name: np.asarray(values)[j] for name, values in info["theta"].items()}
-            for j in range(scene.players)
-        ]
+        theta = [unstacked(info["theta"], j) for j in range(scene.players)]
         gammas = {j: (float(g), 0.0) for j, g in enumerate(info["gamma"]) if j != memory.ego}
         decision, plan = plan_equilibrium(
             scene, memory.ego, list(info["state"]), theta, info["gamma"], memory.plan, gammas

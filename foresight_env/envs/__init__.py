@@ -1,8 +1,9 @@
 """Environments: PettingZoo parallel environments and Gymnasium ids, registered on import.
 
 `foresight_env.envs.crosswalk_v0.parallel_env()` makes the multi-agent crosswalk,
-`gymnasium.make("foresight/Crosswalk-v0")` the single-agent one. Without this import, Gymnasium
-finds the latter as `gymnasium.make("foresight_env.envs:foresight/Crosswalk-v0")`.
+`gymnasium.make("foresight/Crosswalk-v0")` the single-agent one; `intersection_v0` and
+`foresight/Intersection-v0` are the intersection. Without this import, Gymnasium finds an id as
+`gymnasium.make("foresight_env.envs:foresight/Crosswalk-v0")`.
 """
 
 from __future__ import annotations
@@ -10,15 +11,15 @@ from __future__ import annotations
 from importlib import import_module
 from types import ModuleType
 
-from foresight_env.envs.registration import register
+from foresight_env.envs.registration import SCENARIOS, register
 
-__all__ = ["crosswalk_v0", "register"]
+__all__ = ["crosswalk_v0", "intersection_v0", "register"]
 
 
 def __getattr__(name: str) -> ModuleType:
     # On demand: registering ids should not load JAX.
-    if name == "crosswalk_v0":
-        return import_module("foresight_env.envs.crosswalk_v0")
+    if name in {f"{scenario}_v0" for scenario in SCENARIOS}:
+        return import_module(f"foresight_env.envs.{name}")
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 

@@ -17,6 +17,10 @@ DARK, FAINT, LIGHT = (40, 40, 40), (105, 105, 105), (255, 255, 255)
 OVERSAMPLING = 2
 DASH, GAP = 9.0, 6.0
 """Lengths along a dashed line, pixels."""
+LEAST_DISC = 9.0
+"""Radius of a pedestrian at least, pixels."""
+GOAL_SIZE = 9.0
+"""Half of a goal's cross, pixels."""
 
 
 @lru_cache(maxsize=32)
@@ -79,10 +83,41 @@ class Canvas:
     def _fine(pixel: Pixel) -> Pixel:
         return pixel[0] * OVERSAMPLING, pixel[1] * OVERSAMPLING
 
-    def rectangle(self, low: Pixel, high: Pixel, colour: Colour) -> None:
-        """A filled rectangle in the scene, corners in metres."""
-        (left, bottom), (right, top) = self._pixel(low), self._pixel(high)
-        self.bar((left, top), (right, bottom), colour)
+    def fill(self, colour: Colour) -> None:
+        """Cover everything."""
+        self._surface.fill(colour)
+
+    def polygon(self, corners: Float[np.ndarray, "K 2"], colour: Colour) -> None:
+        """A filled polygon in the scene, corners in metres."""
+        fine = [self._fine(pixel) for pixel in self._pixels(corners)]
+        pygame.draw.polygon(self._surface, colour, fine)
+
+    def circle(self, place: Float[np.ndarray, "2"], radius: float, colour: Colour) -> None:
+        """A filled circle in the scene, metres."""
+        size = radius * self._scale * OVERSAMPLING
+        pygame.draw.circle(self._surface, colour, self._fine(self._pixel(place)), size)
+
+    def box(
+        self,
+        place: Float[np.ndarray, "2"],
+        heading: float,
+        length: float,
+        width: float,
+        colour: Colour,
+        ring: bool,
+    ) -> None:
+        """A car with its windscreen, metres and rad; `ring` marks a controlled one."""
+        forward = np.array([np.cos(heading), np.sin(heading)])
+        side = np.array([-forward[1], forward[0]])
+        edge = (3.0 if ring else 1.5) / self._scale  # pixels, in metres
+        for ink, inset in ((DARK if ring else LIGHT, 0.0), (colour, edge)):
+            ahead, across = forward * (0.5 * length - inset), side * (0.5 * width - inset)
+            corners = [-ahead - across, ahead - across, ahead + across, -ahead + across]
+            self.polygon(place + np.array(corners), ink)
+        front, back = 0.3 * length * forward, 0.18 * length * forward
+        across = 0.36 * width * side
+        glass = place + np.array([front - across, front + across, back + across, back - across])
+        self.polygon(glass, faded(colour))
 
     def bar(self, top_left: Pixel, bottom_right: Pixel, colour: Colour) -> None:
         """A filled rectangle, corners in pixels."""
@@ -155,8 +190,8 @@ class Canvas:
     def disc(
         self, place: Float[np.ndarray, "2"], radius: float, colour: Colour, ring: bool
     ) -> None:
-        """A pedestrian; `ring` marks a controlled one."""
-        self._round(self._pixel(place), radius * self._scale, colour, ring)
+        """A pedestrian, never too small to see; `ring` marks a controlled one."""
+        self._round(self._pixel(place), max(radius * self._scale, LEAST_DISC), colour, ring)
 
     def sample_disc(self, pixel: Pixel, colour: Colour, ring: bool) -> None:
         """A small pedestrian for the legend."""
@@ -179,9 +214,9 @@ class Canvas:
             ends = [tuple(np.array(pixel) + r * radius * ray) for r in (1.15, 1.5)]
             self._lines(ends, DARK, 2.5)
 
-    def cross(self, place: Float[np.ndarray, "2"], radius: float, colour: Colour) -> None:
+    def cross(self, place: Float[np.ndarray, "2"], colour: Colour) -> None:
         """A goal."""
-        self._cross(self._pixel(place), radius * self._scale, colour)
+        self._cross(self._pixel(place), GOAL_SIZE, colour)
 
     def _cross(self, pixel: Pixel, radius: float, colour: Colour) -> None:
         x, y = pixel

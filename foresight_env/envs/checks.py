@@ -8,18 +8,15 @@ from numbers import Integral, Real
 from typing import Any, TypeVar, get_args
 
 import numpy as np
-from jaxtyping import Float
+from gymnasium.spaces import Box
+from jaxtyping import Float, Float32
 
 from foresight_env.envs.oracle import BEHAVIOURS, BehaviourFactory
-from foresight_env.scenarios.crosswalk import (
-    COLLISION_DISTANCE,
-    CONTROL_LIMIT,
-    SPEED_LIMIT,
-    Crossing,
-    Proximity,
-    Ranges,
-    player_theta,
-)
+from foresight_env.envs.world import World
+from foresight_env.games import Game
+from foresight_env.scenarios.crosswalk import Proximity, Ranges
+from foresight_env.scenarios.junction import JunctionRanges
+from foresight_env.scenarios.situation import Situation
 
 T = TypeVar("T", bound=Callable[..., Any])
 
@@ -33,15 +30,8 @@ def no_type_check(checked: T) -> T:
     return marked
 
 
-POSITION_LIMIT = 20.0
-"""Largest coordinate that an observation can show, m."""
-LARGEST_START_SHIFT = 0.35
-"""Up to here agents around the circle cannot be drawn on top of each other, m."""
-LARGEST_GOAL_SHIFT = 10.0
-"""Keeps every goal inside the observation space, m."""
-OPTIONS = ("crossing", "gamma", "goals", "initial_states")
+OPTIONS = ("gamma", "goals", "initial_states", "situation")
 """Entries that `reset` takes."""
-WEIGHTS = ("goal_weight", "control_weight", "collision_weight")
 
 
 def whole(name: str, value: Any, least: int, most: int | None = None) -> int:
@@ -101,13 +91,38 @@ def check_behaviour(behaviour: Any) -> BehaviourFactory:
     return BEHAVIOURS[choice("behaviour", behaviour, tuple(BEHAVIOURS))]
 
 
-def check_ranges(ranges: Any) -> Ranges:
+LARGEST_SHIFTS = {
+    "start": 0.35,
+    "goal": 10.0,
+}
+"""Of the crosswalk, m: agents around the circle are not drawn on top of each other, and goals lie
+inside the observation space."""
+LARGEST_JUNCTION_SHIFTS = {"along": 3.0, "place": 1.0, "speed": 4.0, "goal": 10.0}
+"""Of the junction, m and m/s, for the same reasons; nobody begins off the road."""
+
+
+def check_crosswalk_ranges(ranges: Any) -> Ranges:
     """Ranges whose every draw is a legal episode."""
     if not isinstance(ranges, Ranges):
         raise ValueError(
             f"ranges: is {ranges!r}; expected foresight_env.scenarios.crosswalk.Ranges"
         )
-    for name in ("gamma", "control_weight", "collision_weight"):
+    _check_ranges(ranges, ("gamma", "control_weight", "collision_weight"), LARGEST_SHIFTS)
+    return ranges
+
+
+def check_junction_ranges(ranges: Any) -> JunctionRanges:
+    """Ranges whose every draw is a legal episode."""
+    if not isinstance(ranges, JunctionRanges):
+        raise ValueError(
+            f"ranges: is {ranges!r}; expected foresight_env.scenarios.junction.JunctionRanges"
+        )
+    _check_ranges(ranges, ("gamma", "collision_weight"), LARGEST_JUNCTION_SHIFTS)
+    return ranges
+
+
+def _check_ranges(ranges: Any, pairs: Sequence[str], shifts: Mapping[str, float]) -> None:
+    for name in pairs:
         pair = getattr(ranges, name)
         positive = name != "gamma"
         try:
@@ -119,10 +134,9 @@ def check_ranges(ranges: Any) -> Ranges:
             raise ValueError(
                 f"ranges.{name}: is {pair!r}; expected lowest <= highest, finite and {least}"
             )
-    for name, most in (("start", LARGEST_START_SHIFT), ("goal", LARGEST_GOAL_SHIFT)):
+    for name, most in shifts.items():
         if not_negative(f"ranges.{name}", getattr(ranges, name)) > most:
-            raise ValueError(f"ranges.{name}: is {getattr(ranges, name)!r}; at most {most} m")
-    return ranges
+            raise ValueError(f"ranges.{name}: is {getattr(ranges, name)!r}; at most {most}")
 
 
 def check_seed(seed: Any) -> int | None:
@@ -152,59 +166,79 @@ def check_gamma(name: str, value: Any, players: int) -> Float[np.ndarray, "N"]:
     return gamma
 
 
-def check_positions(name: str, value: Any, players: int) -> Float[np.ndarray, "N 2"]:
+def check_positions(name: str, value: Any, world: World) -> Float[np.ndarray, "N 2"]:
     """Positions inside the observation space, m."""
-    places = _numbers(name, value, (players, 2))
-    if (np.abs(places) > POSITION_LIMIT).any():
-        raise ValueError(f"{name}: lies outside +-{POSITION_LIMIT} m; bring it closer")
+    places = _numbers(name, value, (world.players, 2))
+    low, high = world.shown_low[:, :2], world.shown_high[:, :2]
+    if ((places < low) | (places > high)).any():
+        raise ValueError(f"{name}: lies outside {low[0]} to {high[0]} m; bring it closer")
     return places
 
 
-def check_states(name: str, value: Any, players: int) -> Float[np.ndarray, "N 4"]:
-    """Initial states: positions inside the observation space, legal speeds, nobody overlapping."""
-    states = _numbers(name, value, (players, 4))
-    check_positions(name, states[:, :2], players)
-    if (np.abs(states[:, 2:]) > SPEED_LIMIT).any():
-        raise ValueError(f"{name}: a velocity exceeds {SPEED_LIMIT} m/s per axis; reduce it")
-    for i in range(players):
-        for j in range(i):
-            if np.linalg.norm(states[i, :2] - states[j, :2]) < COLLISION_DISTANCE:
-                raise ValueError(
-                    f"{name}: players {j} and {i} begin less than {COLLISION_DISTANCE} m apart, "
-                    "which is a collision; move one of them"
-                )
+def check_states(name: str, value: Any, world: World) -> Float[np.ndarray, "N n"]:
+    """Initial states: places that are shown, legal speeds, nobody overlapping or off the road."""
+    states = _numbers(name, value, world.shown_low.shape)
+    check_positions(name, states[:, :2], world)
+    game = world.game(1)
+    for i, player in enumerate(game.players):
+        low, high = world.shown_low[i, 2:], world.shown_high[i, 2:]
+        if player.state_bounds is not None:
+            low = np.maximum(low, player.state_bounds.lower[0][2:])
+            high = np.minimum(high, player.state_bounds.upper[0][2:])
+        if ((states[i, 2:] < low) | (states[i, 2:] > high)).any():
+            raise ValueError(
+                f"{name}: {world.names[i]} has {states[i, 2:]} beside its position; expected "
+                f"{low} to {high}"
+            )
+    gaps = world.gaps(
+        states, np.zeros((world.players, game.players[0].dynamics.control_size)), states
+    )
+    if (gaps < 0.0).any():
+        i, j = (int(k) for k in np.argwhere(gaps < 0.0)[0])
+        raise ValueError(
+            f"{name}: {world.names[i]} and {world.names[j]} begin {-gaps[i, j]:.2f} m inside each "
+            "other, which is a collision; move one of them"
+        )
+    astray = np.flatnonzero(world.off_road(states))
+    if astray.size:
+        raise ValueError(f"{name}: {world.names[astray[0]]} begins off the road; move it")
     return states
 
 
-def check_crossing(crossing: Any, players: int) -> Crossing:
+def check_situation(value: Any, world: World) -> Situation:
     """An episode's hidden truth, as a copy."""
-    if not isinstance(crossing, Crossing):
+    if not isinstance(value, Situation):
         raise ValueError(
-            f"options['crossing']: is {crossing!r}; expected "
-            "foresight_env.scenarios.crosswalk.Crossing"
+            f"options['situation']: is {value!r}; expected "
+            "foresight_env.scenarios.situation.Situation"
         )
-    if not isinstance(crossing.theta, Sequence) or len(crossing.theta) != players:
-        raise ValueError(f"options['crossing'].theta: expected {players} mappings, one per player")
+    if not isinstance(value.theta, Sequence) or len(value.theta) != world.players:
+        raise ValueError(
+            f"options['situation'].theta: expected {world.players} mappings, one per player"
+        )
     thetas = []
-    for i, theta in enumerate(crossing.theta):
-        name = f"options['crossing'].theta[{i}]"
-        entries = {"goal", *WEIGHTS}
-        if not isinstance(theta, Mapping) or set(theta) != entries:
-            raise ValueError(f"{name}: expected a mapping with exactly {sorted(entries)}")
-        weights = {k: float(_numbers(f"{name}[{k!r}]", theta[k], ())) for k in WEIGHTS}
-        for k, weight in weights.items():
-            if weight <= 0.0:
-                raise ValueError(f"{name}[{k!r}]: is {weight}; weights are above 0")
-        goal = check_positions(f"{name}['goal']", [theta["goal"]], 1)[0]
-        thetas.append(player_theta(goal, **weights))
-    return Crossing(
-        check_states("options['crossing'].initial_states", crossing.initial_states, players),
+    for i, (theta, parameters) in enumerate(zip(value.theta, world.parameters(), strict=True)):
+        name = f"options['situation'].theta[{i}]"
+        if not isinstance(theta, Mapping) or set(theta) != set(parameters):
+            raise ValueError(f"{name}: expected a mapping with exactly {sorted(parameters)}")
+        own: dict[str, Any] = {}
+        for k in parameters:
+            if k == "goal":
+                own[k] = _numbers(f"{name}['goal']", theta[k], (2,))
+                continue
+            own[k] = float(_numbers(f"{name}[{k!r}]", theta[k], ()))
+            if own[k] <= 0.0:
+                raise ValueError(f"{name}[{k!r}]: is {own[k]}; expected more than 0")
+        thetas.append(own)
+    check_positions("options['situation'].theta: goal", [own["goal"] for own in thetas], world)
+    return Situation(
+        check_states("options['situation'].initial_states", value.initial_states, world),
         tuple(thetas),
-        check_gamma("options['crossing'].gamma", crossing.gamma, players),
+        check_gamma("options['situation'].gamma", value.gamma, world.players),
     )
 
 
-def check_options(options: Any, players: int) -> dict[str, Any]:
+def check_options(options: Any, world: World) -> dict[str, Any]:
     """The options of `reset`, checked and copied."""
     if options is None:
         return {}
@@ -214,10 +248,10 @@ def check_options(options: Any, players: int) -> dict[str, Any]:
     if set(options) == {"options"} and type(options["options"]) is int and options["options"] == 1:
         return {}
     checks: dict[str, Callable[[str, Any], Any]] = {
-        "crossing": lambda _, value: check_crossing(value, players),
-        "gamma": lambda name, value: check_gamma(name, value, players),
-        "goals": lambda name, value: check_positions(name, value, players),
-        "initial_states": lambda name, value: check_states(name, value, players),
+        "situation": lambda _, value: check_situation(value, world),
+        "gamma": lambda name, value: check_gamma(name, value, world.players),
+        "goals": lambda name, value: check_positions(name, value, world),
+        "initial_states": lambda name, value: check_states(name, value, world),
     }
     for name in options:
         if name not in checks:
@@ -225,20 +259,31 @@ def check_options(options: Any, players: int) -> dict[str, Any]:
     return {name: checks[name](f"options[{name!r}]", value) for name, value in options.items()}
 
 
-def with_options(drawn: Crossing, options: Mapping[str, Any]) -> Crossing:
-    """The drawn episode with what checked options set; entries win over a whole `crossing`."""
-    states, thetas, gamma = options.get("crossing", drawn)
+def with_options(drawn: Situation, options: Mapping[str, Any]) -> Situation:
+    """The drawn episode with what checked options set; entries win over a whole `situation`."""
+    states, thetas, gamma = options.get("situation", drawn)
     if "goals" in options:
         goals = options["goals"]
         thetas = tuple({**t, "goal": goal} for t, goal in zip(thetas, goals, strict=True))
-    return Crossing(options.get("initial_states", states), thetas, options.get("gamma", gamma))
+    return Situation(options.get("initial_states", states), thetas, options.get("gamma", gamma))
 
 
-def check_actions(actions: Any, agents: Sequence[str]) -> dict[str, Float[np.ndarray, "2"]]:
-    """One legal action per live agent, m/s^2."""
+def control_limits(
+    game: Game, player: int
+) -> tuple[Float32[np.ndarray, "m"], Float32[np.ndarray, "m"]]:
+    """Lowest and highest controls of a player of an environment, all bounded."""
+    bounds = game.players[player].control_bounds
+    assert bounds is not None
+    return np.array(bounds.lower[0], np.float32), np.array(bounds.upper[0], np.float32)
+
+
+def check_actions(
+    actions: Any, spaces: Mapping[str, Box], agents: Sequence[str]
+) -> dict[str, Float[np.ndarray, "m"]]:
+    """One legal action per live agent."""
     if not isinstance(actions, Mapping):
         raise ValueError(
-            f"actions: is a {type(actions).__name__}; expected a dictionary from agent to [ax, ay]"
+            f"actions: is a {type(actions).__name__}; expected a dictionary from agent to action"
         )
     for agent in actions:
         if agent not in agents:
@@ -248,13 +293,14 @@ def check_actions(actions: Any, agents: Sequence[str]) -> dict[str, Float[np.nda
             )
     checked = {}
     for agent in agents:
+        space = spaces[agent]
         if agent not in actions:
-            raise ValueError(f"actions: {agent} has none; give it [ax, ay] in m/s^2")
-        action = _numbers(f"actions[{agent!r}]", actions[agent], (2,))
-        if (np.abs(action) > CONTROL_LIMIT).any():
+            raise ValueError(f"actions: {agent} has none; give it an array {space.shape}")
+        action = _numbers(f"actions[{agent!r}]", actions[agent], space.shape)
+        if ((action < space.low) | (action > space.high)).any():
             raise ValueError(
                 f"actions[{agent!r}]: is {action}, outside the action space; clip it to "
-                f"[-{CONTROL_LIMIT:g}, {CONTROL_LIMIT:g}] m/s^2"
+                f"{space.low} ... {space.high}"
             )
         checked[agent] = action
     return checked

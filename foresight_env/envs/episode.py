@@ -1,4 +1,4 @@
-"""The state of one episode of the crosswalk."""
+"""The state of one episode."""
 
 from __future__ import annotations
 
@@ -7,58 +7,57 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Bool, Float
 
-from foresight_env.envs.motion import closest_approach
-from foresight_env.scenarios.crosswalk import COLLISION_DISTANCE, Crossing
-
-GOAL_RADIUS = 0.25
-"""Distance from its goal within which an agent has reached it, m."""
+from foresight_env.envs.world import World
+from foresight_env.scenarios.situation import Situation
 
 
 @dataclass
 class Episode:
     """All that changes between `reset` and the end; never handed out."""
 
-    crossing: Crossing
+    world: World
+    situation: Situation
     noise: np.random.Generator
-    states: Float[np.ndarray, "N 4"]
-    controls: Float[np.ndarray, "N 2"]
-    """As applied in the last step, m/s^2."""
+    states: Float[np.ndarray, "N n"]
+    controls: Float[np.ndarray, "N m"]
+    """As applied in the last step."""
     closest: Float[np.ndarray, "N"]
-    """Smallest distance of each player's centre to another's so far, m."""
+    """Smallest gap between each player's footprint and another's so far, m; negative: overlap."""
     collided: Bool[np.ndarray, "N"]
     reached: Bool[np.ndarray, "N"]
+    off_road: Bool[np.ndarray, "N"]
+    """Who has been off the road so far."""
     trail: list[Float[np.ndarray, "N 2"]] = field(default_factory=list)
     """Positions so far, m."""
     steps: int = 0
 
     @staticmethod
-    def begin(crossing: Crossing, noise: np.random.Generator) -> Episode:
+    def begin(world: World, situation: Situation, noise: np.random.Generator) -> Episode:
         """The episode at its first instant."""
-        states = crossing.initial_states.copy()
-        players = len(states)
-        controls = np.zeros((players, 2))
-        closest = closest_approach(states, controls, 0.0).min(axis=1)
-        nobody = np.zeros(players, dtype=bool)
-        episode = Episode(crossing, noise, states, controls, closest, nobody, nobody.copy())
+        states = situation.initial_states.copy()
+        controls = np.zeros((len(states), world.game(1).players[0].dynamics.control_size))
+        closest = world.gaps(states, controls, states).min(axis=1)
+        no = np.zeros(len(states), dtype=bool)
+        episode = Episode(
+            world, situation, noise, states, controls, closest, no, no.copy(), no.copy()
+        )
         episode.arrive(states)
         return episode
 
-    def advance(
-        self,
-        controls: Float[np.ndarray, "N 2"],
-        distances: Float[np.ndarray, "N"],
-        states: Float[np.ndarray, "N 4"],
-    ) -> None:
-        """One step with these controls, closest approaches on the way, and states at its end."""
+    def advance(self, controls: Float[np.ndarray, "N m"], states: Float[np.ndarray, "N n"]) -> None:
+        """One step with these controls to these states."""
         self.controls = controls
-        self.closest = np.minimum(self.closest, distances)
-        self.collided = self.closest < COLLISION_DISTANCE
+        gaps = self.world.gaps(self.states, controls, states)
+        self.closest = np.minimum(self.closest, gaps.min(axis=1))
+        self.collided = self.closest < 0.0
         self.steps += 1
         self.arrive(states)
 
-    def arrive(self, states: Float[np.ndarray, "N 4"]) -> None:
-        """Take up new states and note whose goal is reached."""
+    def arrive(self, states: Float[np.ndarray, "N n"]) -> None:
+        """Take up new states and note who has reached its goal, and who left the road."""
         self.states = states
         self.trail.append(states[:, :2].copy())
-        goals = np.stack([own["goal"] for own in self.crossing.theta])
-        self.reached = self.reached | (np.linalg.norm(states[:, :2] - goals, axis=1) <= GOAL_RADIUS)
+        self.off_road = self.off_road | self.world.off_road(states)
+        goals = np.stack([own["goal"] for own in self.situation.theta])
+        distances = np.linalg.norm(states[:, :2] - goals, axis=1)
+        self.reached = self.reached | (distances <= self.world.goal_radius)

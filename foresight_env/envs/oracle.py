@@ -12,15 +12,10 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from jaxtyping import Float
 
+from foresight_env.envs.motion import brake
 from foresight_env.equilibrium import Solution, Status, shift, solve
 from foresight_env.games import Game
-from foresight_env.scenarios.crosswalk import (
-    CONTROL_LIMIT,
-    DT,
-    Crossing,
-    Proximity,
-    crosswalk_game,
-)
+from foresight_env.scenarios.situation import Situation
 
 NOTHING_SOLVED = -1
 """`SolverReport.status` while there has been no solve in this episode."""
@@ -40,11 +35,16 @@ class SolverReport(NamedTuple):
 class BehaviourSetting(NamedTuple):
     """What a behaviour is made for; the same during the whole life of an environment."""
 
-    players: int
+    game: Callable[[int], Game]
+    """The game of all players over so many stages."""
     planning_horizon: int
     """Stages."""
     max_steps: int
-    proximity: Proximity
+
+    @property
+    def players(self) -> int:
+        """How many agents there are, controlled or not."""
+        return len(self.game(self.planning_horizon).players)
 
 
 class Behaviour(Protocol):
@@ -58,11 +58,11 @@ class Behaviour(Protocol):
     def planned(self) -> tuple[Float[np.ndarray, "K 2"], ...] | None:
         """Per player the positions (m) that it plans to pass, for drawing; None: no plan."""
 
-    def reset(self, crossing: Crossing) -> None:
+    def reset(self, situation: Situation) -> None:
         """Begin an episode."""
 
-    def act(self, states: Float[np.ndarray, "N 4"]) -> Float[np.ndarray, "N 2"]:
-        """Controls (m/s^2) of all players at the true `states`; called once per step.
+    def act(self, states: Float[np.ndarray, "N n"]) -> Float[np.ndarray, "N m"]:
+        """Controls of all players at the true `states`; called once per step.
 
         The environment uses the rows of uncontrolled agents.
         """
@@ -72,17 +72,12 @@ BehaviourFactory = Callable[[BehaviourSetting], Behaviour]
 """Makes a behaviour; a class with a constructor of this form is one."""
 
 
-def brake(states: Float[np.ndarray, "N 4"]) -> Float[np.ndarray, "N 2"]:
-    """Controls that bring everybody to rest as fast as the limits allow."""
-    return np.clip(-states[:, 2:] / DT, -CONTROL_LIMIT, CONTROL_LIMIT)
-
-
 class _Oracle:
     """What both oracles share: a game, an episode's parameters and a plan that may be missing."""
 
     def __init__(self, game: Game) -> None:
         self._game = game
-        self._crossing: Crossing | None = None
+        self._situation: Situation | None = None
         self._plan: Solution | None = None
         self._report = SolverReport()
 
@@ -96,14 +91,14 @@ class _Oracle:
             return None
         return tuple(np.array(states[:, :2]) for states in self._plan.states)
 
-    def reset(self, crossing: Crossing) -> None:
-        self._crossing, self._plan, self._report = crossing, None, SolverReport()
+    def reset(self, situation: Situation) -> None:
+        self._situation, self._plan, self._report = situation, None, SolverReport()
 
-    def _solve(self, states: Float[np.ndarray, "N 4"], guess: Solution | None) -> Solution | None:
+    def _solve(self, states: Float[np.ndarray, "N n"], guess: Solution | None) -> Solution | None:
         """A solution from the guess, or else from a cold start; None when both failed."""
-        if self._crossing is None:
+        if self._situation is None:
             raise RuntimeError("act: there is no episode; call reset first")
-        _, theta, gamma = self._crossing
+        _, theta, gamma = self._situation
         found = solve(self._game, states, theta, gamma, guess=guess)
         if guess is not None and int(found.status) != Status.SOLVED:
             found = solve(self._game, states, theta, gamma)
@@ -116,9 +111,9 @@ class _Oracle:
         )
         return found if solved else None
 
-    def _first_controls(self, states: Float[np.ndarray, "N 4"]) -> Float[np.ndarray, "N 2"]:
+    def _first_controls(self, states: Float[np.ndarray, "N n"]) -> Float[np.ndarray, "N m"]:
         if self._plan is None:
-            return brake(states)
+            return brake(self._game, states)
         return np.stack([controls[0] for controls in self._plan.controls])
 
 
@@ -131,10 +126,9 @@ class Receding(_Oracle):
     """
 
     def __init__(self, setting: BehaviourSetting) -> None:
-        game = crosswalk_game(setting.players, setting.planning_horizon, setting.proximity)
-        super().__init__(game)
+        super().__init__(setting.game(setting.planning_horizon))
 
-    def act(self, states: Float[np.ndarray, "N 4"]) -> Float[np.ndarray, "N 2"]:
+    def act(self, states: Float[np.ndarray, "N n"]) -> Float[np.ndarray, "N m"]:
         """Controls of the first stage of the plan made at `states`."""
         shifted = None if self._plan is None else shift(self._plan)
         found = self._solve(states, shifted)
@@ -149,9 +143,9 @@ class OpenLoop(_Oracle):
     """
 
     def __init__(self, setting: BehaviourSetting) -> None:
-        super().__init__(crosswalk_game(setting.players, setting.max_steps, setting.proximity))
+        super().__init__(setting.game(setting.max_steps))
 
-    def act(self, states: Float[np.ndarray, "N 4"]) -> Float[np.ndarray, "N 2"]:
+    def act(self, states: Float[np.ndarray, "N n"]) -> Float[np.ndarray, "N m"]:
         """Controls of this step's stage of the one plan."""
         if self._report.status == NOTHING_SOLVED:
             self._plan = self._solve(states, None)

@@ -7,16 +7,18 @@ from gymnasium.envs.registration import registry
 from pettingzoo.env_registry.registration import aec_registry, parallel_registry
 from pettingzoo.env_registry.registration import register as register_pettingzoo
 
-GYMNASIUM_ID = "foresight/Crosswalk-v0"
-PETTINGZOO_ID = "foresight/crosswalk-v0"
+SCENARIOS = ("crosswalk", "intersection")
+"""Each has a class `<Name>Env` in `single` and a module `<name>_v0`."""
 
 
 def register() -> None:
     """Register every environment that is not registered yet; importing the package does it."""
-    if GYMNASIUM_ID not in registry:
-        register_gymnasium(GYMNASIUM_ID, "foresight_env.envs.single:CrosswalkEnv")
-    if PETTINGZOO_ID not in parallel_registry:
-        entry_point = "foresight_env.envs.crosswalk_v0:parallel_env"
-        register_pettingzoo("parallel", PETTINGZOO_ID, entry_point)
-    if PETTINGZOO_ID not in aec_registry:
-        register_pettingzoo("aec", PETTINGZOO_ID, "foresight_env.envs.crosswalk_v0:env")
+    for name in SCENARIOS:
+        single, both = f"foresight/{name.capitalize()}-v0", f"foresight/{name}-v0"
+        module = f"foresight_env.envs.{name}_v0"
+        if single not in registry:
+            register_gymnasium(single, f"foresight_env.envs.single:{name.capitalize()}Env")
+        if both not in parallel_registry:
+            register_pettingzoo("parallel", both, f"{module}:parallel_env")
+        if both not in aec_registry:
+            register_pettingzoo("aec", both, f"{module}:env")

@@ -1,4 +1,4 @@
-"""Drawing of the crosswalk with pygame: street, pedestrians, trajectories and inferred foresight.
+"""Drawing with pygame: scenery, agents, trajectories and inferred foresight.
 
 Frames are drawn at twice their size and scaled down, which smooths edges. No display is needed for
 `"rgb_array"`. Colours are those of Okabe and Ito, distinguishable with colour-blindness.
@@ -15,31 +15,29 @@ import pygame
 from jaxtyping import Bool, Float, UInt8
 
 from foresight_env.envs.canvas import DARK, FAINT, Canvas, faded
+from foresight_env.envs.footprints import Footprint
 from foresight_env.envs.overlay import Overlay
+from foresight_env.envs.scenery import PAVEMENT, Disc, Scenery
 from foresight_env.envs.style import COLOURS, INTERVAL_DEVIATIONS
-from foresight_env.scenarios.crosswalk import COLLISION_DISTANCE
 
 WIDTH, HEIGHT = 900, 620
 PANEL = 260
-PAVEMENT, ASPHALT, STRIPE = (240, 238, 233), (201, 203, 207), (247, 247, 247)
-CENTRE = np.array([1.0, 1.0])
-"""Middle of the crossing, m."""
-ROAD = (0.1, 1.9)
-"""Edges of the road along y, m."""
-CROSSWALK = (-0.5, 2.5)
-"""Edges of the marked crossing along x, m."""
-STRIPE_WIDTH = 0.2
 LEAST_WEIGHT = 0.05
 """Where `gamma ** k` is below this, a plan or prediction is not drawn any more."""
-LEAST_VIEW, MARGIN = 1.75, 0.4
-"""Half of the shown width at least, and free space around everything, m."""
+MARGIN = 0.2
+"""Free space around everything, as a part of half the shown width."""
 
 
 class Frame(NamedTuple):
     """All that one picture shows."""
 
+    names: tuple[str, ...]
+    """Of the players' agents."""
+    footprints: tuple[Footprint, ...]
     trail: Float[np.ndarray, "steps N 2"]
     """Positions so far, the present ones last, m."""
+    headings: Float[np.ndarray, "N"]
+    """Present headings, rad."""
     goals: Float[np.ndarray, "N 2"]
     gamma: Float[np.ndarray, "N"]
     """True discount factors: what plans are weighed with."""
@@ -55,8 +53,11 @@ class Frame(NamedTuple):
 class Renderer:
     """Draws frames into a window or into arrays."""
 
-    def __init__(self, mode: Literal["human", "rgb_array"], frames_per_second: int) -> None:
+    def __init__(
+        self, mode: Literal["human", "rgb_array"], frames_per_second: int, scenery: Scenery
+    ) -> None:
         pygame.font.init()
+        self._scenery = scenery
         self._rate = frames_per_second
         self._window: pygame.Surface | None = None
         self._clock: pygame.time.Clock | None = None
@@ -64,7 +65,7 @@ class Renderer:
             try:
                 pygame.display.init()
                 _check_display(pygame.display.get_driver())
-                pygame.display.set_caption("foresight_env: crosswalk")
+                pygame.display.set_caption(f"foresight_env: {scenery.title}")
                 self._window = pygame.display.set_mode((WIDTH, HEIGHT))
             except pygame.error as error:
                 raise OSError(
@@ -74,10 +75,17 @@ class Renderer:
 
     def draw(self, frame: Frame) -> UInt8[np.ndarray, "H W 3"] | None:
         """The picture; None when it went into the window."""
-        canvas = Canvas(WIDTH, HEIGHT, WIDTH - PANEL, CENTRE, _half_width(frame))
-        _street(canvas)
+        scenery = self._scenery
+        half_width = _half_width(frame, scenery)
+        canvas = Canvas(WIDTH, HEIGHT, WIDTH - PANEL, np.array(scenery.center), half_width)
+        canvas.fill(PAVEMENT)
+        for shape in scenery.shapes:
+            if isinstance(shape, Disc):
+                canvas.circle(np.array(shape.center), shape.radius, shape.colour)
+            else:
+                canvas.polygon(np.array(shape.corners), shape.colour)
         _trajectories(canvas, frame)
-        _pedestrians(canvas, frame)
+        _agents(canvas, frame)
         canvas.panel(PANEL, PAVEMENT)
         _gamma_bars(canvas, frame, _legend(canvas, frame))
         picture = canvas.finish()
@@ -104,23 +112,16 @@ def _check_display(driver: str) -> None:
         raise pygame.error("none was found")
 
 
-def _half_width(frame: Frame) -> float:
+def _half_width(frame: Frame, scenery: Scenery) -> float:
     """Half of the shown width: nobody is ever outside, and the view never shrinks again."""
     places = np.concatenate([frame.trail.reshape(-1, 2), frame.goals])
-    return max(LEAST_VIEW, float(np.abs(places - CENTRE).max()) + MARGIN)
-
-
-def _street(canvas: Canvas) -> None:
-    far = 100.0
-    canvas.rectangle((-far, -far), (far, far), PAVEMENT)
-    canvas.rectangle((-far, ROAD[0]), (far, ROAD[1]), ASPHALT)
-    for low in np.arange(ROAD[0], ROAD[1] - 0.01, 2.0 * STRIPE_WIDTH):
-        canvas.rectangle((CROSSWALK[0], low), (CROSSWALK[1], low + STRIPE_WIDTH), STRIPE)
+    farthest = float(np.abs(places - np.array(scenery.center)).max())
+    return max(scenery.half_width, farthest + MARGIN * scenery.half_width)
 
 
 def _trajectories(canvas: Canvas, frame: Frame) -> None:
     for i, goal in enumerate(frame.goals):
-        canvas.cross(goal, 0.09, COLOURS[i])
+        canvas.cross(goal, COLOURS[i])
         canvas.path(frame.trail[:, i], faded(COLOURS[i]), width=5)
     for i, path in enumerate(frame.planned):
         if i not in frame.controlled:
@@ -139,12 +140,17 @@ def _opacity(count: int, gamma: float) -> Float[np.ndarray, "count"]:
     return np.where(weight < LEAST_WEIGHT, 0.0, np.sqrt(weight))
 
 
-def _pedestrians(canvas: Canvas, frame: Frame) -> None:
-    places, radius = frame.trail[-1], 0.5 * COLLISION_DISTANCE
+def _agents(canvas: Canvas, frame: Frame) -> None:
+    places = frame.trail[-1]
     for struck in np.flatnonzero(frame.collided):
-        canvas.burst(places[struck], radius)  # first, so that it hides nobody's number
-    for i, place in enumerate(places):
-        canvas.disc(place, radius, COLOURS[i], ring=i in frame.controlled)
+        # First, so that it hides nobody's number.
+        canvas.burst(places[struck], frame.footprints[struck].reach)
+    for i, (place, shape) in enumerate(zip(places, frame.footprints, strict=True)):
+        controlled = i in frame.controlled
+        if shape.length > 0.0:
+            canvas.box(place, frame.headings[i], shape.length, shape.width, COLOURS[i], controlled)
+        else:
+            canvas.disc(place, shape.radius, COLOURS[i], ring=controlled)
         canvas.label(str(i), place, COLOURS[i])
 
 
@@ -156,11 +162,11 @@ def _legend(canvas: Canvas, frame: Frame) -> float:
     for i in range(len(frame.goals)):
         role = "controlled" if i in frame.controlled else "uncontrolled"
         canvas.sample_disc((left + 11, y + 9), COLOURS[i], ring=i in frame.controlled)
-        canvas.text(f"pedestrian {i}", (left + 32, y), size=15)
+        canvas.text(frame.names[i].replace("_", " "), (left + 32, y), size=15)
         canvas.text(role, (left + 132, y), size=15, colour=FAINT)
         y += 26
     y += 10
-    # Neutral, because each line is drawn in the colour of its pedestrian.
+    # Neutral, because each line is drawn in the colour of its agent.
     kinds = ["trail", "goal"]
     kinds += ["true plan"] if frame.planned else []
     kinds += ["prediction"] if frame.overlay.predicted else []

@@ -15,13 +15,6 @@ from foresight_env.games.types import States
 
 Observation = Literal["full", "positions"]
 
-AGENT_PREFIX = "pedestrian_"
-
-
-def agent_name(player: int) -> str:
-    """The name of a player's agent."""
-    return f"{AGENT_PREFIX}{player}"
-
 
 class Own(NamedTuple):
     """One player's own parameters in the current episode."""
@@ -62,8 +55,10 @@ class Scene:
     controlled: tuple[int, ...]
     """Players that the user controls."""
     max_steps: int
-    goal_radius: float
-    """Distance from its goal within which an agent has reached it, m."""
+    names: tuple[str, ...]
+    """Of all players' agents."""
+    goal_radius: tuple[float, ...]
+    """Per player, distance from its goal within which an agent has reached it, m."""
     _own: Mapping[int, Own] = field(default_factory=dict, repr=False)
 
     @property
@@ -79,9 +74,9 @@ class Scene:
     def index(self, agent: str | int) -> int:
         """The player of a controlled agent, which is given by name or index."""
         for player in self.controlled:
-            if agent in (player, agent_name(player)) and not isinstance(agent, bool):
+            if agent in (player, self.names[player]) and not isinstance(agent, bool):
                 return player
-        names = ", ".join(agent_name(player) for player in self.controlled)
+        names = ", ".join(self.names[player] for player in self.controlled)
         raise ValueError(f"agent: {agent!r} is not controlled; controlled agents are {names}")
 
     def observation_model(self, agent: str | int) -> ObservationModel:

@@ -1,7 +1,7 @@
-"""The crosswalk for one agent: `gymnasium.make("foresight/Crosswalk-v0")`.
+"""Environments for one agent: `gymnasium.make("foresight/Crosswalk-v0")` and its siblings.
 
-The user controls pedestrian 0; the others behave as module `crosswalk` says, where spaces, rewards,
-ends of episodes, options and information are described too.
+The user controls one player, the others behave as the parallel environment's module says, where
+spaces, rewards, ends of episodes, options and information are described too.
 """
 
 from __future__ import annotations
@@ -13,28 +13,26 @@ import numpy as np
 from jaxtyping import Float, Float32
 
 from foresight_env.envs.checks import no_type_check
-from foresight_env.envs.crosswalk import CrosswalkParallelEnv, Info
+from foresight_env.envs.crosswalk import CrosswalkParallelEnv
+from foresight_env.envs.intersection import PEDESTRIANS, IntersectionParallelEnv
 from foresight_env.envs.overlay import Overlay
-from foresight_env.envs.scene import Scene, agent_name
+from foresight_env.envs.parallel import Info, WorldParallelEnv
+from foresight_env.envs.scene import Scene
 
-EGO = agent_name(0)
 
+class SingleAgentEnv(gymnasium.Env[np.ndarray, np.ndarray]):
+    """One agent of a parallel environment; takes that one's arguments except `controlled`."""
 
-class CrosswalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
-    """Pedestrian 0 among others; takes the arguments of `parallel_env` except `controlled`."""
-
-    metadata: ClassVar[dict[str, Any]] = {  # type: ignore[misc]
-        name: CrosswalkParallelEnv.metadata[name] for name in ("render_modes", "render_fps")
-    }
-
-    @no_type_check
-    def __init__(self, **arguments: Any) -> None:
+    def __init__(self, parallel: type[WorldParallelEnv], ego: int, arguments: Any) -> None:
         if "controlled" in arguments:
-            raise ValueError("controlled: is always (0,) here; use parallel_env for other choices")
-        self._world = CrosswalkParallelEnv(controlled=(0,), **arguments)
+            raise ValueError(
+                f"controlled: is always ({ego},) here; use parallel_env for other choices"
+            )
+        self._world = parallel(controlled=(ego,), **arguments)
+        (self._ego,) = self._world.possible_agents
         self.render_mode = self._world.render_mode
-        self.observation_space = self._world.observation_space(EGO)
-        self.action_space = self._world.action_space(EGO)
+        self.observation_space = self._world.observation_space(self._ego)
+        self.action_space = self._world.action_space(self._ego)
 
     @property
     def scene(self) -> Scene:
@@ -50,15 +48,16 @@ class CrosswalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         super().reset(seed=seed)
         # One stream of random numbers: Gymnasium's is the world's.
         self.np_random = self._world.np_random
-        return observations[EGO], infos[EGO]
+        return observations[self._ego], infos[self._ego]
 
     @no_type_check
     def step(
         self, action: Float[np.ndarray, "2"]
     ) -> tuple[Float32[np.ndarray, "size"], float, bool, bool, Info]:
         """Move everybody by one step."""
-        seen, rewards, terminated, truncated, infos = self._world.step({EGO: action})
-        return seen[EGO], rewards[EGO], terminated[EGO], truncated[EGO], infos[EGO]
+        seen, rewards, terminated, truncated, infos = self._world.step({self._ego: action})
+        ego = self._ego
+        return seen[ego], rewards[ego], terminated[ego], truncated[ego], infos[ego]
 
     @no_type_check
     def set_overlay(self, overlay: Overlay) -> None:
@@ -72,3 +71,28 @@ class CrosswalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     def close(self) -> None:
         """Close the window, if there is one."""
         self._world.close()
+
+
+def _metadata(parallel: type[WorldParallelEnv]) -> dict[str, Any]:
+    return {name: parallel.metadata[name] for name in ("render_modes", "render_fps")}
+
+
+class CrosswalkEnv(SingleAgentEnv):
+    """Pedestrian 0 among others."""
+
+    metadata: ClassVar[dict[str, Any]] = _metadata(CrosswalkParallelEnv)  # type: ignore[misc]
+
+    @no_type_check
+    def __init__(self, **arguments: Any) -> None:
+        super().__init__(CrosswalkParallelEnv, 0, arguments)
+
+
+class IntersectionEnv(SingleAgentEnv):
+    """The first car, which turns, among others."""
+
+    metadata: ClassVar[dict[str, Any]] = _metadata(IntersectionParallelEnv)  # type: ignore[misc]
+
+    @no_type_check
+    def __init__(self, pedestrians: int = PEDESTRIANS, **arguments: Any) -> None:
+        arguments = {"pedestrians": pedestrians, **arguments}
+        super().__init__(IntersectionParallelEnv, pedestrians, arguments)

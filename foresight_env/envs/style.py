@@ -11,7 +11,9 @@ COLOURS: tuple[Colour, ...] = (
     (204, 121, 167),
     (230, 159, 0),
     (86, 180, 233),
+    (240, 228, 66),
+    (60, 60, 60),
 )
-"""Of the agents, in the order of their indices (Okabe and Ito, 2008)."""
+"""Of the agents, in the order of their indices (Okabe and Ito, 2008; their black as dark grey)."""
 INTERVAL_DEVIATIONS = 1.645
 """Half of a 90 % interval in standard deviations of a normal distribution."""

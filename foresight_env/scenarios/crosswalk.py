@@ -24,6 +24,7 @@ from foresight_env.games.costs import Effort, Goal, SquaredDistanceHinge
 from foresight_env.games.dynamics import DoubleIntegrator
 from foresight_env.games.game import Game, Player
 from foresight_env.games.types import Controls, Scalar, StageNumber, States, Theta
+from foresight_env.scenarios.situation import Situation
 
 DT = 0.1
 HORIZON = 25
@@ -179,15 +180,9 @@ class Ranges(NamedTuple):
     collision_weight: tuple[float, float] = (COLLISION_WEIGHT, COLLISION_WEIGHT)
 
 
-class Crossing(NamedTuple):
-    """One episode's hidden truth."""
-
-    initial_states: Float[np.ndarray, "N 4"]
-    theta: tuple[dict[str, Any], ...]
-    gamma: Float[np.ndarray, "N"]
-
-
-def draw_crossing(random: np.random.Generator, players: int, ranges: Ranges = Ranges()) -> Crossing:
+def draw_crossing(
+    random: np.random.Generator, players: int, ranges: Ranges = Ranges()
+) -> Situation:
     """Draw initial states, goals, weights and discount factors around `nominal_setting`."""
     nominal = nominal_setting(players)
     states = nominal.initial_states.copy()
@@ -200,4 +195,4 @@ def draw_crossing(random: np.random.Generator, players: int, ranges: Ranges = Ra
         player_theta(goals[i], control_weight=control[i], collision_weight=collision[i])
         for i in range(players)
     )
-    return Crossing(states, theta, gamma)
+    return Situation(states, theta, gamma)

@@ -12,7 +12,7 @@ import pettingzoo
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from foresight_env.envs import crosswalk_v0
+from foresight_env.envs import crosswalk_v0, intersection_v0
 
 with warnings.catch_warnings():
     # PettingZoo's tests import its own environments in a way that it has deprecated itself.
@@ -48,21 +48,54 @@ MAKERS = [
     pytest.param(single, id="gymnasium"),
     pytest.param(partial(single, behaviour="open_loop", players=3), id="gymnasium-three"),
 ]
+# One horizon for both behaviours: they share a compiled game.
+JUNCTION = {"pedestrians": 1, "cars": 1, "planning_horizon": 6, "max_steps": 6}
+
+
+def single_junction(**arguments):
+    """The intersection's Gymnasium id, as a parallel environment."""
+    return conformance.as_parallel(
+        gymnasium.make("foresight/Intersection-v0", **{**JUNCTION, **arguments})
+    )
+
+
+JUNCTION_MAKERS = [
+    pytest.param(partial(intersection_v0.parallel_env, **{**JUNCTION, **arguments}), id=name)
+    for name, arguments in {
+        "car-receding": {},
+        "pedestrian-open-loop-positions": {
+            "controlled": (0,),
+            "behaviour": "open_loop",
+            "observation": "positions",
+        },
+        "eight-all": {"pedestrians": 4, "cars": 4, "controlled": "all"},
+    }.items()
+] + [pytest.param(single_junction, id="intersection-gymnasium")]
 
 
 @pytest.mark.parametrize("check", conformance.CHECKS, ids=lambda check: check.__name__)
-@pytest.mark.parametrize("make", MAKERS)
+@pytest.mark.parametrize("make", MAKERS + JUNCTION_MAKERS)
 def test_conformance(make, check):
     check(make)
 
 
+@pytest.mark.parametrize("make", MAKERS)
+def test_crosswalk_rewards(make):
+    conformance.reward_is_minus_stage_cost(make, conformance.crosswalk_cost)
+
+
+@pytest.mark.parametrize("make", JUNCTION_MAKERS)
+def test_intersection_rewards(make):
+    conformance.reward_is_minus_stage_cost(make, conformance.intersection_cost)
+
+
 @pytest.mark.parametrize("spoil", conformance.WRONG)
-@pytest.mark.parametrize("make", MAKERS[::2])
+@pytest.mark.parametrize("make", MAKERS[::2] + JUNCTION_MAKERS[::2])
 def test_wrong_actions_change_nothing(make, spoil):
     conformance.wrong_actions_change_nothing(make, spoil)
 
 
-@pytest.mark.parametrize("make", MAKERS[:7])
+@pytest.mark.parametrize("make", MAKERS[:7] + JUNCTION_MAKERS[:3])
 def test_pettingzoo_accepts(make):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -74,6 +107,9 @@ def test_pettingzoo_accepts_the_cycle_form():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         api_test(crosswalk_v0.env(players=3, controlled="all", **SHORT), num_cycles=30)
+        # A car and a pedestrian see and do different things.
+        warnings.filterwarnings("ignore", message="Agents have different .* space")
+        api_test(intersection_v0.env(**{**JUNCTION, "controlled": "all"}), num_cycles=30)
     assert crosswalk_v0.raw_env(**SHORT).possible_agents == ["pedestrian_0"]
 
 
@@ -81,6 +117,9 @@ def test_registered_in_pettingzoo():
     env = pettingzoo.make("parallel", "foresight/crosswalk-v0", players=3, controlled=(2,))
     assert isinstance(env, crosswalk_v0.parallel_env)
     assert env.possible_agents == ["pedestrian_2"]
+    env = pettingzoo.make("parallel", "foresight/intersection-v0")
+    assert isinstance(env, intersection_v0.parallel_env)
+    assert env.possible_agents == ["car_2"]
 
 
 @pytest.mark.parametrize("observation", ["full", "positions"])
@@ -93,6 +132,8 @@ def test_gymnasium_accepts(observation):
         check_env(env.unwrapped, skip_render_check=True)
         env = gymnasium.make("foresight/Crosswalk-v0", render_mode="rgb_array", **SHORT)
         check_env(env.unwrapped)
+        arguments = {**JUNCTION, "observation": observation, "render_mode": "rgb_array"}
+        check_env(gymnasium.make("foresight/Intersection-v0", **arguments).unwrapped)
 
 
 def test_gymnasium_vectorises():

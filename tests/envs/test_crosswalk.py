@@ -14,9 +14,11 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 from foresight_env.envs import crosswalk_v0, oracle
-from foresight_env.envs.motion import applicable, closest_approach
+from foresight_env.envs.crosswalk_world import closest_approach
+from foresight_env.envs.motion import applicable
 from foresight_env.equilibrium import Status, solve
-from foresight_env.scenarios.crosswalk import Crossing, Ranges, crosswalk_game, draw_crossing
+from foresight_env.scenarios.crosswalk import Ranges, crosswalk_game, draw_crossing
+from foresight_env.scenarios.situation import Situation
 
 EGO = "pedestrian_0"
 STILL = {EGO: np.zeros(2, dtype=np.float32)}
@@ -87,9 +89,9 @@ def overlapping():
         ("initial_states", np.zeros(8)),
         ("initial_states", np.array([[0.0, 0, 0.9, 0], [2.0, 0, 0, 0]])),
         ("initial_states", overlapping()),
-        ("crossing", 3),
-        ("crossing", draw_crossing(np.random.default_rng(0), 3)),
-        ("crossing", draw_crossing(np.random.default_rng(0), 2)._replace(theta=({}, {}))),
+        ("situation", 3),
+        ("situation", draw_crossing(np.random.default_rng(0), 3)),
+        ("situation", draw_crossing(np.random.default_rng(0), 2)._replace(theta=({}, {}))),
         ("speed", 1.0),
     ],
 )
@@ -107,14 +109,14 @@ def test_wrong_options_are_named_and_change_nothing(name, value):
 
 def test_options_replace_what_would_be_drawn():
     env = make(noise_std=0.0)
-    crossing = draw_crossing(np.random.default_rng(3), 2, Ranges(control_weight=(0.2, 0.3)))
+    situation = draw_crossing(np.random.default_rng(3), 2, Ranges(control_weight=(0.2, 0.3)))
     gamma = np.array([0.4, 1.2])
-    observations, infos = env.reset(seed=0, options={"crossing": crossing, "gamma": gamma})
+    observations, infos = env.reset(seed=0, options={"situation": situation, "gamma": gamma})
     info = infos[EGO]
     assert np.array_equal(info["gamma"], gamma)
-    assert np.array_equal(info["state"], crossing.initial_states)
-    assert info["theta"]["control_weight"][1] == crossing.theta[1]["control_weight"]
-    assert np.array_equal(observations[EGO][:4], crossing.initial_states[0].astype(np.float32))
+    assert np.array_equal(info["state"], situation.initial_states)
+    assert info["theta"]["control_weight"][1] == situation.theta[1]["control_weight"]
+    assert np.array_equal(observations[EGO][:4], situation.initial_states[0].astype(np.float32))
     # The draws of the next episode are those of an environment that was given no options.
     other = make(noise_std=0.0)
     other.reset(seed=0)
@@ -160,7 +162,7 @@ def test_malformed_actions_raise_value_error(action):
 
 
 @settings(max_examples=150, deadline=None)
-@given(st.sampled_from(["gamma", "goals", "initial_states", "crossing", "other"]), values)
+@given(st.sampled_from(["gamma", "goals", "initial_states", "situation", "other"]), values)
 def test_malformed_options_raise_value_error(name, value):
     env = make(controlled="all")
     legal = (name == "gamma" and is_legal(value, (2,), 1e300) and (np.array(value) >= 0).all()) or (
@@ -194,8 +196,12 @@ def test_velocity_saturates_through_the_applied_control():
 @settings(max_examples=100, deadline=None)
 @given(arrays.arrays(np.float64, (2, 4), elements=st.floats(-0.8, 0.8)), st.integers(0, 99))
 def test_closest_approach_is_that_of_fine_sampling(states, seed):
-    controls = applicable(states, np.random.default_rng(seed).uniform(-10, 10, (2, 2)), 0.1)
-    exact = closest_approach(states, controls, 0.1)[0, 1]
+    controls = applicable(
+        crosswalk_game(2, 6), states, np.random.default_rng(seed).uniform(-10, 10, (2, 2))
+    )
+    after = states.copy()
+    after[:, :2] += 0.1 * states[:, 2:] + 0.5 * 0.01 * controls
+    exact = closest_approach(states, controls, after)[0, 1]
     s = np.linspace(0.0, 0.1, 2001)[:, None]
     path = states[:, None, :2] + s * states[:, None, 2:] + 0.5 * s**2 * controls[:, None]
     sampled = np.linalg.norm(path[0] - path[1], axis=1).min()
@@ -243,8 +249,8 @@ def test_collision_among_the_others_does_not_end_the_episode():
         def __init__(self, setting):
             assert setting.players == 3
 
-        def reset(self, crossing):
-            self.crossing = crossing
+        def reset(self, situation):
+            self.situation = situation
 
         def act(self, states):
             return np.array([[0.0, 0.0], [5.0, 0.0], [-5.0, 0.0]])
@@ -387,11 +393,11 @@ def test_scene_tells_what_a_policy_may_know():
             env.scene.own(other)
 
 
-def test_a_crossing_can_be_played_again():
-    crossing = draw_crossing(np.random.default_rng(8), 2)
-    assert isinstance(crossing, Crossing)
+def test_a_situation_can_be_played_again():
+    situation = draw_crossing(np.random.default_rng(8), 2)
+    assert isinstance(situation, Situation)
     env = make()
-    first, second = (conformance.episode(env, s, {"crossing": crossing}) for s in (0, 1))
+    first, second = (conformance.episode(env, s, {"situation": situation}) for s in (0, 1))
     assert np.array_equal(first[0][1][EGO]["state"], second[0][1][EGO]["state"])
     assert not np.array_equal(first[0][0][EGO], second[0][0][EGO])  # noise is the seed's
 

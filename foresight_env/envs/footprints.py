@@ -1,0 +1,109 @@
+"""What agents cover, boxes with rounded corners and discs, and the gaps between them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+RESOLUTION = 0.01
+"""The smallest gap during a step is known to within this, m."""
+
+
+@dataclass(frozen=True)
+class Footprint:
+    """A box around the agent's position, along its heading, with a border of `radius`; metres."""
+
+    length: float = 0.0
+    width: float = 0.0
+    radius: float = 0.0
+
+    @property
+    def reach(self) -> float:
+        """Distance of the farthest point from the position, m."""
+        return float(np.hypot(self.length, self.width)) / 2.0 + self.radius
+
+
+class Motion(NamedTuple):
+    """How an agent moves during one step: its position evenly along a line, its heading evenly."""
+
+    start: Float[np.ndarray, "2"]
+    end: Float[np.ndarray, "2"]
+    heading: float
+    """rad."""
+    turn: float
+    """Change of the heading during the step, rad."""
+
+
+def gap(
+    first: Footprint,
+    second: Footprint,
+    relative: Float[np.ndarray, "K 2"],
+    heading: Float[np.ndarray, "K"],
+    other_heading: Float[np.ndarray, "K"],
+) -> Float[np.ndarray, "K"]:
+    """Distance (m) between footprints, `relative` from the first's position to the second's.
+
+    Negative where they overlap: the least distance by which one must be moved to part them. The set
+    of all differences of points is a zonotope, and the origin's distance to it is the gap.
+    """
+    halves = []
+    for shape, angle in ((first, heading), (second, other_heading)):
+        forward = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        side = np.stack([-forward[:, 1], forward[:, 0]], axis=1)
+        halves += [
+            0.5 * size * direction
+            for size, direction in ((shape.length, forward), (shape.width, side))
+            if size > 0.0
+        ]
+    borders = first.radius + second.radius
+    if not halves:
+        away: Float[np.ndarray, "K"] = np.linalg.norm(relative, axis=1)
+        return away - borders
+    # Outside: the nearest of all edges; those inside the zonotope are never nearest.
+    outside = np.full(len(relative), np.inf)
+    inside = np.full(len(relative), -np.inf)
+    for k, edge in enumerate(halves):
+        rest = halves[:k] + halves[k + 1 :]
+        normal = np.stack([-edge[:, 1], edge[:, 0]], axis=1)
+        normal /= np.linalg.norm(edge, axis=1, keepdims=True)
+        support = sum(
+            (np.abs(np.sum(normal * other, axis=1)) for other in rest), np.zeros(len(relative))
+        )
+        inside = np.maximum(inside, np.abs(np.sum(normal * relative, axis=1)) - support)
+        square = np.sum(edge**2, axis=1)
+        signs = np.array(list(product((-1.0, 1.0), repeat=len(rest)))).reshape(-1, len(rest))
+        others = np.stack(rest, axis=1) if rest else np.zeros((len(relative), 0, 2))
+        middles = relative[:, None] + signs @ others
+        along = np.clip(-np.sum(middles * edge[:, None], axis=2) / square[:, None], -1.0, 1.0)
+        nearest = middles + along[..., None] * edge[:, None]
+        outside = np.minimum(outside, np.linalg.norm(nearest, axis=2).min(axis=1))
+    return np.where(inside < 0.0, inside, outside) - borders
+
+
+def least_gap(first: Footprint, second: Footprint, motion: Motion, other: Motion) -> float:
+    """Smallest gap (m) between two footprints during a step, to within `RESOLUTION`."""
+    step = (other.end - other.start) - (motion.end - motion.start)
+    # The gap changes by no more than this during the step.
+    way = np.hypot(*step) + abs(motion.turn) * first.reach + abs(other.turn) * second.reach
+
+    def at(moments: Float[np.ndarray, "K"]) -> Float[np.ndarray, "K"]:
+        relative = (other.start - motion.start) + moments[:, None] * step
+        headings = motion.heading + moments * motion.turn
+        return gap(first, second, relative, headings, other.heading + moments * other.turn)
+
+    moments = np.linspace(0.0, 1.0, 5)
+    gaps = at(moments)
+    while True:
+        best = float(gaps.min())
+        spans = np.diff(moments)
+        least = 0.5 * (gaps[:-1] + gaps[1:] - way * spans)
+        unsure = np.flatnonzero(least < best - RESOLUTION)
+        if unsure.size == 0:
+            return best
+        middles = moments[unsure] + 0.5 * spans[unsure]
+        moments = np.insert(moments, unsure + 1, middles)
+        gaps = np.insert(gaps, unsure + 1, at(middles))

@@ -1,0 +1,79 @@
+"""What an environment needs to know of its scenario, and nothing about episodes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from foresight_env.envs.footprints import Footprint
+from foresight_env.envs.scenery import Scenery
+from foresight_env.games import Game
+from foresight_env.scenarios.situation import Situation
+
+Gaps = Callable[
+    [Float[np.ndarray, "N n"], Float[np.ndarray, "N m"], Float[np.ndarray, "N n"]],
+    Float[np.ndarray, "N N"],
+]
+"""From states, controls and the states that follow: the smallest signed gap (m) between each pair
+during that step, infinite for pairs that may touch."""
+
+
+def nobody(states: Float[np.ndarray, "N n"]) -> Bool[np.ndarray, "N"]:
+    """Where there is no road, nobody leaves it."""
+    return np.zeros(len(states), dtype=bool)
+
+
+@dataclass(frozen=True)
+class World:
+    """A scenario as an environment sees it; arrays have one row per player."""
+
+    names: tuple[str, ...]
+    """Of the players' agents."""
+    game: Callable[[int], Game]
+    """The game over so many stages."""
+    draw: Callable[[np.random.Generator], Situation]
+    """An episode's hidden truth."""
+    gaps: Gaps
+    shown_low: Float[np.ndarray, "N n"]
+    shown_high: Float[np.ndarray, "N n"]
+    """What an observation can show of each state; goals lie in the range of positions."""
+    goal_radius: Float[np.ndarray, "N"]
+    """Distance from its goal within which an agent has reached it, m."""
+    footprints: tuple[Footprint, ...]
+    scenery: Scenery
+    off_road: Callable[[Float[np.ndarray, "N n"]], Bool[np.ndarray, "N"]] = nobody
+    """Who is where nobody may be."""
+
+    @property
+    def players(self) -> int:
+        """How many agents there are, controlled or not."""
+        return len(self.names)
+
+    @property
+    def turns(self) -> Bool[np.ndarray, "N"]:
+        """Whose states end with a heading: whoever is longer than wide."""
+        return np.array([footprint.length > 0.0 for footprint in self.footprints])
+
+    def parameters(self) -> tuple[tuple[str, ...], ...]:
+        """Names of every player's cost parameters."""
+        return tuple(tuple(own) for own in self.draw(np.random.default_rng(0)).theta)
+
+
+def stacked(theta: tuple[dict[str, Any], ...]) -> dict[str, np.ndarray]:
+    """Parameters by name, one row per player; 0 for players that do not have one."""
+    names = {name: np.shape(value) for own in theta for name, value in own.items()}
+    return {
+        name: np.stack([np.asarray(own.get(name, np.zeros(shape))) for own in theta])
+        for name, shape in names.items()
+    }
+
+
+def unstacked(theta: dict[str, Any], player: int) -> dict[str, np.ndarray]:
+    """One player's parameters out of what `stacked` made."""
+    own = {name: np.asarray(values)[player] for name, values in theta.items()}
+    # Weights and distances are above 0; a goal may well be the origin.
+    return {name: value for name, value in own.items() if value.ndim or value != 0.0}
