@@ -2,33 +2,45 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from benchmarks.report import Result, Row, Setting
 from benchmarks.timing import Yardstick, median_seconds
-from foresight_env.envs.crosswalk_v0 import parallel_env
+from foresight_env.envs import crosswalk_v0, intersection_v0
 
 VARIANTS: dict[str, dict[str, Any]] = {
     "one controlled, others receding": {"behaviour": "receding"},
     "one controlled, others open_loop": {"behaviour": "open_loop"},
     "all controlled": {"controlled": "all"},
 }
+WORLDS: dict[str, Any] = {
+    "crosswalk, 2": partial(crosswalk_v0.parallel_env, players=2),
+    "crosswalk, 4": partial(crosswalk_v0.parallel_env, players=4),
+    "intersection, 2 + 2": intersection_v0.parallel_env,
+}
+"""Players, and pedestrians + cars."""
+CRUISE = 5.0
+"""Speed that controlled cars keep, straight on, m/s."""
 EPISODE = 40
 """Steps that an episode is run for at most."""
 
 
 def walk(env: Any, seed: int) -> int:
-    """Run one episode, controlled agents heading for their goals; returns its steps."""
+    """Run one episode, controlled people heading for their goals; returns its steps."""
     observations, _ = env.reset(seed=seed)
     steps = 0
     while env.agents and steps < EPISODE:
         actions = {}
         for agent in env.agents:
-            seen = observations[agent]
-            wanted = 4.0 * (seen[-2:] - seen[:2]) - 3.0 * seen[2:4]
-            actions[agent] = np.clip(wanted, -10.0, 10.0).astype(np.float32)
+            seen, space = observations[agent], env.action_space(agent)
+            if agent.startswith("car"):
+                wanted = np.array([CRUISE - seen[2], 0.0])
+            else:
+                wanted = 4.0 * (seen[-2:] - seen[:2]) - 3.0 * seen[2:4]
+            actions[agent] = np.clip(wanted, space.low, space.high).astype(np.float32)
         observations = env.step(actions)[0]
         steps += 1
     return steps
@@ -40,8 +52,8 @@ def run(setting: Setting) -> list[Result]:
     yardstick = Yardstick.measure()
     rows: list[Row] = []
     for name, arguments in VARIANTS.items():
-        for players in (2, 4):
-            env = parallel_env(players=players, **arguments)
+        for world, make in WORLDS.items():
+            env = make(**arguments)
             counts = [walk(env, seed) for seed in range(episodes)]  # compiles, and counts
 
             def once(env: Any = env) -> None:
@@ -53,13 +65,13 @@ def run(setting: Setting) -> list[Result]:
             rows.append(
                 {
                     "variant": name,
-                    "players": str(players),
+                    "world": world,
                     "steps/s": f"{1.0 / seconds:.0f}",
                     "time per step": yardstick.told(seconds),
                 }
             )
     note = (
-        f"{episodes} episodes of up to {EPISODE} steps, resets included, 25 stages planned; "
+        f"{episodes} episodes of up to {EPISODE} steps, resets included, 25 and 15 stages planned; "
         f"medians of 3 runs, one process. {yardstick.note}"
     )
     return [Result("Environment", note, rows).show(setting.console)]

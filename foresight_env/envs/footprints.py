@@ -75,7 +75,7 @@ def gap(
         )
         inside = np.maximum(inside, np.abs(np.sum(normal * relative, axis=1)) - support)
         square = np.sum(edge**2, axis=1)
-        signs = np.array(list(product((-1.0, 1.0), repeat=len(rest)))).reshape(-1, len(rest))
+        signs = np.array(list(product((-1.0, 1.0), repeat=len(rest))), dtype=float)
         others = np.stack(rest, axis=1) if rest else np.zeros((len(relative), 0, 2))
         middles = relative[:, None] + signs @ others
         along = np.clip(-np.sum(middles * edge[:, None], axis=2) / square[:, None], -1.0, 1.0)
