@@ -27,6 +27,9 @@ class Free:
     gamma_range: tuple[float, float] = (0.0, 1.0)
     """Limits of the estimated discount factor. The paper projects onto [0, infinity): give `(0,
     1.2)` where agents may weigh later costs more than present ones."""
+    theta_range: tuple[tuple[str, tuple[float, float]], ...] = ()
+    """Names of entries of `theta` with limits of their estimates, such as `(("lane_weight", (0.1,
+    100.0)),)`; a limit may be infinite. Weights should be kept above 0."""
 
     def __post_init__(self) -> None:
         if isinstance(self.theta, str):
@@ -36,6 +39,11 @@ class Free:
             raise ValueError(
                 f"gamma_range: is {self.gamma_range}; expected (low, high), 0 <= low < high"
             )
+        for name, limits in self.theta_range:
+            if name not in self.theta:
+                raise ValueError(f"theta_range: names {name!r}; estimated are {self.theta}")
+            if not limits[0] < limits[1]:
+                raise ValueError(f"theta_range: {name!r} has {limits}; expected (low, high)")
 
 
 @dataclass(frozen=True)
@@ -137,7 +145,7 @@ class Coordinates:
     def limits(
         self, free: Free | Sequence[Free], estimated: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """(p,) lower and upper limits: of discount factors, of initial states by state bounds.
+        """(p,) lower and upper limits: as `free` has them, of initial states by state bounds.
 
         Parameters that are not `estimated` (p,) have none.
         """
@@ -157,6 +165,15 @@ class Coordinates:
                     f"free[{i}].gamma_range: is {each[i].gamma_range}; player {i}'s discounting "
                     f"has gamma in {players[i].discounting.limits}"
                 )
+        ranges_of = [dict(f.theta_range) for f in each]
+        at = 0
+        for i, names in enumerate(self.sizes):
+            for name, shape in names:
+                if name in ranges_of[i]:
+                    own = slice(at, at + _size(shape))
+                    low[own], high[own] = ranges_of[i][name]
+                at += _size(shape)
+            at += 1 + self.layout.game.state_sizes[i]
         is_state = kinds == "state"
         lower, upper = self.layout.bounds
         low[is_state], high[is_state] = lower[0, : self.layout.n], upper[0, : self.layout.n]

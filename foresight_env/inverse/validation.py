@@ -76,10 +76,13 @@ def check_start(
     low: Float[np.ndarray, "p"],
     high: Float[np.ndarray, "p"],
 ) -> None:
-    """Raise `ValueError` where a discount factor starts outside the range it is looked for in."""
-    outside = coordinates.is_gamma & ((values < low) | (values > high))
-    for k in np.flatnonzero(outside):
+    """Raise `ValueError` where a parameter starts outside the range that it is looked for in.
+
+    Initial states are let in: they are noisy where observations are.
+    """
+    kinds = coordinates.kinds
+    for k in np.flatnonzero((kinds != "state") & ((values < low) | (values > high))):
         raise ValueError(
-            f"gamma: {coordinates.names[k]} starts at {values[k]:g}; it is estimated in "
-            f"[{low[k]:g}, {high[k]:g}] (free.gamma_range)"
+            f"{kinds[k]}: {coordinates.names[k]} starts at {values[k]:g}; it is estimated in "
+            f"[{low[k]:g}, {high[k]:g}] (free.{kinds[k]}_range)"
         )

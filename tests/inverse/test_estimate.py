@@ -316,6 +316,22 @@ def test_bad_arguments_are_named(change, named):
         fit(arguments.pop("observations"), **arguments)
 
 
+def test_cost_parameters_are_looked_for_in_their_range():
+    """Goals below 0.3 are ruled out, although they are the truth: the limit holds, and is met."""
+    seen = played()
+    free = Free(theta_range=(("goal", (0.3, np.inf)),))
+    found = fit(seen, theta=crossing_theta(CROSSING_GOALS + 0.4), free=free, covariance=1e-4)
+    goals = np.array([theta["goal"] for theta in found.theta])
+    assert (CROSSING_GOALS < 0.3).any()
+    assert goals.min() == pytest.approx(0.3, abs=1e-6)
+    assert found.cost > 1.0  # without limits, 0
+    with pytest.raises(ValueError, match=r"goal\[\d\] of \d starts at .*free.theta_range"):
+        fit(seen, theta=crossing_theta(CROSSING_GOALS), free=free)
+    for wrong in ((("weight", (0.0, 1.0)),), (("goal", (1.0, 0.0)),)):
+        with pytest.raises(ValueError, match="theta_range: "):
+            Free(theta_range=wrong)
+
+
 def test_discount_factors_are_looked_for_in_their_range():
     eager = np.array([1.05, 0.7])  # player 0 weighs later costs more than present ones
     truth = solve(crossing(), CROSSING_STATES, crossing_theta(), eager, throw=True)
