@@ -45,17 +45,17 @@ each road side (m). An agent that maximises the return discounted by `gamma_i` p
 the others.
 
 **End of an episode**, common to all agents. Terminated: a controlled agent collided (its
-footprint overlaps another's at some moment of a step, found to 1 cm; pedestrians are discs of
-0.25 m radius, cars boxes of 4.5 x 1.8 m around their position; two pedestrians may touch), or
-left the road by more than 0.1 m (pedestrians only when inside a corner), or every controlled
-agent has been near its goal at the end of a step: within 1 m, cars within 3 m. Truncated:
-`max_steps` without any of these. Afterwards `agents` is empty and `step` raises
-`gymnasium.error.ResetNeeded`.
+footprint overlaps another's at some moment of a step, in which everybody moves straight on and
+turns evenly; found to 1 cm; pedestrians are discs of 0.25 m radius, cars boxes of 4.5 x 1.8 m
+around their position; two pedestrians may touch), or left the road by more than 0.1 m
+(pedestrians only when inside a corner), or every controlled agent has been near its goal at the
+end of a step: within 1 m, cars within 3 m. Truncated: `max_steps` without any of these.
+Afterwards `agents` is empty and `step` raises `gymnasium.error.ResetNeeded`.
 
 **Arguments.**
 
 - `pedestrians=2`, `cars=2`: how many of each, 1 to 4. Pedestrians are the first players.
-- `controlled=None`: indices of those that the user controls; None stands for the first car,
+- `controlled="first car"`: indices of those that the user controls; or `"first car"`, `None` or
   `"all"` for everybody.
 - `behaviour="receding"`: what the others do. `"receding"` solves the game of all players, true
   parameters and true states, at every step; `"open_loop"` solves it once, over `max_steps` stages,
@@ -116,7 +116,7 @@ class IntersectionParallelEnv(WorldParallelEnv):
         self,
         pedestrians: int = PEDESTRIANS,
         cars: int = CARS,
-        controlled: tuple[int, ...] | Literal["all"] | None = None,
+        controlled: tuple[int, ...] | Literal["first car", "all"] | None = "first car",
         behaviour: Literal["receding", "open_loop"] | BehaviourFactory = "receding",
         observation: Observation = "full",
         noise_std: float = 0.05,
@@ -129,7 +129,7 @@ class IntersectionParallelEnv(WorldParallelEnv):
         driving = checks.whole("cars", cars, 1, MOST)
         super().__init__(
             intersection_world(walking, driving, checks.check_junction_ranges(ranges)),
-            controlled=(walking,) if controlled is None else controlled,
+            controlled=(walking,) if controlled == "first car" else controlled,
             behaviour=behaviour,
             observation=observation,
             noise_std=noise_std,

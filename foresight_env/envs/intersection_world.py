@@ -31,6 +31,13 @@ SHOWN_WALKING = 6.0
 """Largest velocity of a pedestrian that an observation can show, m/s."""
 SHOWN_SPEED, SHOWN_HEADING = 25.0, 4.0 * np.pi
 """Largest speed (m/s) and heading (rad, not wrapped) of a car that an observation can show."""
+FAR = 200.0
+"""Where drawn roads end, m."""
+CROSSING = ((-19.6, 58.8), (-17.6, 67.6))
+"""Middle of the marked crossing over the western arm, m."""
+CROSSING_WIDTH = 3.0
+STRIPE_PART = 0.055
+"""Of the crossing's length."""
 OFF_ROAD = 0.1
 """Beyond the region's edge by more than this is off the road, m."""
 
@@ -118,14 +125,6 @@ def _scenery() -> Scenery:
     stripes = (_stripe(k) for k in np.arange(0.05, 1.0, 2.0 * STRIPE_PART))
     shapes: tuple[Polygon | Disc, ...] = (Polygon(tuple(outline), ASPHALT), *corners, *stripes)
     return Scenery("intersection", (-14.0, 68.0), 24.0, shapes)
-
-
-FAR = 200.0
-CROSSING = ((-19.6, 58.8), (-17.6, 67.6))
-"""Middle of the marked crossing over the western arm, m."""
-CROSSING_WIDTH = 3.0
-STRIPE_PART = 0.055
-"""Of the crossing's length."""
 
 
 def _stripe(start: float) -> Polygon:

@@ -33,6 +33,7 @@ def make(**arguments):
         ("cars", 0),
         ("cars", 2.0),
         ("controlled", (2,)),
+        ("controlled", "second car"),
         ("ranges", (0.3, 1.0)),
         ("ranges", JunctionRanges(along=5.0)),
         ("ranges", JunctionRanges(collision_weight=(0.0, 1.0))),
@@ -53,6 +54,7 @@ def test_agents_and_spaces_follow_the_kinds():
     assert high[2:4] == pytest.approx([25.0, 4.0 * np.pi])  # itself first
     assert high[6:8] == pytest.approx([6.0, 6.0])
     assert make().possible_agents == [CAR]
+    assert len(make(controlled=None).possible_agents) == 2
     single = gymnasium.make("foresight/Intersection-v0", pedestrians=3, cars=1)
     assert single.unwrapped.scene.controlled == (3,)
     with pytest.raises(ValueError, match="controlled"):
