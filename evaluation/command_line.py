@@ -121,10 +121,13 @@ def run(
     run_one(ego, seed, players, observation.value, behaviour.value, noise_std, human, out)
 
 
-@app.command()
+evaluate = typer.Typer(no_args_is_help=True, help="Compare methods over many trials; figures.")
+app.add_typer(evaluate, name="evaluate")
+
+
+@evaluate.command("crosswalk")
 @plain_errors
-def evaluate(
-    scenario: Annotated[Scenario, typer.Argument(help="Which scenario.")],
+def evaluate_crosswalk(
     episodes: Annotated[
         int, typer.Option(min=0, help="Seeds of the closed-loop study; 0 leaves it out.")
     ] = 20,
@@ -154,9 +157,9 @@ def evaluate(
     _check_noise(noise_std)
     if grid == 1:
         raise ValueError("--grid: is 1; a heatmap has at least 2 points per axis")
-    from evaluation.demonstration import evaluate_crosswalk
+    from evaluation import demonstration
 
-    evaluate_crosswalk(
+    demonstration.evaluate_crosswalk(
         episodes,
         levels,
         sequences,
@@ -167,6 +170,84 @@ def evaluate(
         noise_std,
         workers,
         out,
+    )
+
+
+class Place(StrEnum):
+    """What is known of the place of a recording."""
+
+    AUTO = "auto"
+    AACHEN = "aachen"
+    OPEN = "open"
+
+
+class Parameters(StrEnum):
+    """What is estimated beside discount factors."""
+
+    GOALS = "goals"
+    ALL = "all"
+
+
+def _frames(text: str) -> tuple[int, int]:
+    parts = text.split(":")
+    if len(parts) != 2 or not all(part.strip().isdecimal() for part in parts):
+        raise ValueError(f"--frames: is {text!r}; expected FIRST:LAST, such as 26158:26320")
+    return int(parts[0]), int(parts[1])
+
+
+@evaluate.command("intersection")
+@plain_errors
+def evaluate_intersection(
+    data: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder or file of recordings (inD, DUT, UCY); without it, a recording that the "
+            "project makes itself."
+        ),
+    ] = None,
+    recording: Annotated[
+        str | None, typer.Option(help="Which recording of a folder, such as 07 or intersection_15.")
+    ] = None,
+    tracks: Annotated[
+        str | None, typer.Option(help="Agents, such as 201,205,207,208 or veh:0,ped:6.")
+    ] = None,
+    frames: Annotated[
+        str | None,
+        typer.Option(help="FIRST:LAST, both included; default: while all of them are there."),
+    ] = None,
+    every: Annotated[int, typer.Option(min=1, help="Take every n-th frame.")] = 6,
+    place: Annotated[
+        Place,
+        typer.Option(
+            help="aachen: the published corners, sides and lanes; open: none; auto: the first for "
+            "inD tracks that lie there."
+        ),
+    ] = Place.AUTO,
+    parameters: Annotated[
+        Parameters,
+        typer.Option(help="Estimated beside gamma: goals, or weights and distances as well."),
+    ] = Parameters.GOALS,
+    levels: Annotated[int, typer.Option(min=1, help="Noise levels, std 0 to 0.1.")] = 6,
+    sequences: Annotated[int, typer.Option(min=1, help="Noisy sequences per level.")] = 10,
+    at: Annotated[int, typer.Option(help="Steps that the prediction's picture has seen.")] = 15,
+    workers: WorkersOption = None,
+    out: OutOption = Path("results/intersection"),
+) -> None:
+    """Recorded people and cars: estimation error over noise, and a prediction (paper, VI-B)."""
+    if data is None and (recording or tracks or frames):
+        raise ValueError("--recording, --tracks, --frames: need --data")
+    if data is not None and tracks is None:
+        raise ValueError("--tracks: is missing; name the agents, such as 201,205,207,208")
+    from evaluation import demonstration
+    from evaluation.intersection_window import Choice
+
+    choice = None
+    if data is not None:
+        names = tuple(name.strip() for name in (tracks or "").split(","))
+        span = None if frames is None else _frames(frames)
+        choice = Choice(str(data), names, span, every, recording, place.value)
+    demonstration.evaluate_intersection(
+        choice, levels, sequences, parameters.value, at, workers, out
     )
 
 

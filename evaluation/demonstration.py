@@ -8,7 +8,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from evaluation import closed_loop, estimation
+from evaluation import closed_loop, estimation, intersection_study, junction_sample
 from evaluation.closed_loop import INFERRING, ClosedLoop, episode, make_environment, summarise
 from evaluation.episode_pictures import draw_episode
 from evaluation.figures import (
@@ -19,6 +19,16 @@ from evaluation.figures import (
     representative_trial,
 )
 from evaluation.heatmap import heatmap
+from evaluation.intersection_report import (
+    error_over_noise,
+    print_errors,
+    print_gammas,
+    print_predictions,
+    snapshot,
+)
+from evaluation.intersection_study import check_moment
+from evaluation.intersection_window import Choice, load
+from evaluation.junction_sample import write_junction_sample
 from evaluation.recorded import METHODS, encounters, forecast
 from evaluation.sample import true_gammas, write_sample
 from evaluation.tables import (
@@ -140,6 +150,50 @@ def _trial(console: Console, out: Path) -> Path:
             for m in estimation.METHODS
         }
         return representative_trial(seen, fits, out / "representative_trial.png")
+
+
+def evaluate_intersection(
+    choice: Choice | None,
+    levels: int,
+    sequences: int,
+    parameters: str,
+    at: int,
+    workers: int | None,
+    out: Path,
+) -> None:
+    """`foresight evaluate intersection`; without a choice, on a recording of the project's own."""
+    console = Console()
+    if choice is None:
+        first, last = junction_sample.FRAMES
+        check_moment(at, (last - first) // junction_sample.EVERY + 1)
+        made = write_junction_sample(out / "recorded")
+        console.print(
+            "No --data given: this recording was made by the project itself, in inD's format, from "
+            f"a game with known discount factors: {', '.join(map(str, junction_sample.GAMMAS))}."
+        )
+        console.print(f"recording: {made}", soft_wrap=True, markup=False)
+        choice = Choice(
+            str(made),
+            junction_sample.TRACKS,
+            junction_sample.FRAMES,
+            junction_sample.EVERY,
+            str(junction_sample.NUMBER),
+        )
+    case = load(choice)
+    check_moment(at, len(case.states))
+    where = "the published junction" if case.at_aachen else "open ground"
+    agents, steps = ", ".join(case.agents), len(case.states)
+    console.print(f"{case.name}: {agents}; {steps} steps of {case.dt:.2f} s; {where}", markup=False)
+    rows = intersection_study.study(
+        out / "study", choice, levels, sequences, parameters=parameters, workers=workers
+    )
+    print_errors(console, rows)
+    print_gammas(console, case, rows)
+    with console.status("predicting from the first steps alone"):
+        predictions = intersection_study.predict(case, at, parameters)
+    print_predictions(console, case, at, predictions)
+    _tell(console, error_over_noise(rows, out / "error_against_noise.png"))
+    _tell(console, snapshot(case, at, predictions, out / "snapshot.png"))
 
 
 def estimate_recorded(

@@ -36,6 +36,20 @@ def clustered_interval(
     return Interval(float(data.mean()), float(low), float(high))
 
 
+def mean_and_error(values: Float[np.ndarray, "n"], *, seed: int = 0) -> tuple[float, float]:
+    """Mean and its bootstrap standard error (Efron and Tibshirani, 1993, chapter 6).
+
+    0 for a single value, which says nothing of its spread.
+    """
+    data = np.asarray(values, dtype=float)
+    if data.size == 0 or np.isnan(data).any():
+        raise ValueError("values: empty or with NaN; decide what a missing value means first")
+    if np.ptp(data) == 0.0:
+        return float(data[0]), 0.0
+    drawn = np.random.default_rng(seed).integers(0, data.size, (2000, data.size))
+    return float(data.mean()), float(np.std(data[drawn].mean(axis=1)))
+
+
 def mean_interval(values: Float[np.ndarray, "n"], *, seed: int = 0) -> Interval:
     """Mean with a percentile bootstrap interval (Efron and Tibshirani, 1993, chapter 13).
 

@@ -11,7 +11,7 @@ from agents import EGOS
 from evaluation.command_line import EGO_NAMES, app
 from evaluation.sample import write_sample
 
-COMMANDS = ("run", "evaluate", "estimate", "demo")
+COMMANDS = ("run", "evaluate crosswalk", "evaluate intersection", "estimate", "demo")
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +43,7 @@ def refused(result, *told):
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_help(command):
-    result = call(command, "--help")
+    result = call(*command.split(), "--help")
     assert result.exit_code == 0
     assert "Usage: " in result.stdout
     assert "--out" in result.stdout
@@ -52,7 +52,7 @@ def test_help(command):
 def test_help_of_everything():
     result = call("--help")
     assert result.exit_code == 0
-    assert all(command in result.stdout for command in COMMANDS)
+    assert all(command.split()[0] in result.stdout for command in COMMANDS)
     assert tuple(EGOS) == EGO_NAMES
 
 

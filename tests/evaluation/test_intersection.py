@@ -1,0 +1,194 @@
+"""The study on a recorded window: loading, baselines, rows, pictures, command."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from PIL import Image
+from rich.console import Console
+from typer.testing import CliRunner
+
+import evaluation.command_line as command_line
+from evaluation import intersection_study
+from evaluation.intersection_report import (
+    error_over_noise,
+    print_errors,
+    print_gammas,
+    print_predictions,
+    snapshot,
+)
+from evaluation.intersection_study import METHODS, observe, predict, straight, study
+from evaluation.intersection_window import Case, Choice, WindowError, difference, fitted_game, load
+from evaluation.junction_sample import FRAMES, TRACKS, write_junction_sample
+from evaluation.statistics import mean_and_error
+from foresight_env.scenarios.junction import LANES
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return str(write_junction_sample(tmp_path_factory.mktemp("ind")))
+
+
+def case_of(states, kinds=("pedestrian", "car")):
+    present = ~np.isnan(states[..., 0])
+    return Case("made", ("a", "b"), kinds, 0.5, states, present, False, 2.7)
+
+
+def moving(steps=8):
+    """A pedestrian and a car, straight and even."""
+    times = 0.5 * np.arange(steps)[:, None]
+    walker = np.concatenate([[1.0, 2.0] + times * [0.5, -1.0], np.tile([0.5, -1.0], (steps, 1))], 1)
+    car = np.concatenate(
+        [[0.0, 0.0] + times * [0.0, 4.0], np.tile([4.0, np.pi / 2], (steps, 1))], 1
+    )
+    return np.stack([walker, car], axis=1)
+
+
+def test_the_published_window_is_loaded_as_published(folder):
+    case = load(Choice(folder, TRACKS, FRAMES, 6, "07"))
+    assert (case.agents, case.kinds) == (TRACKS, ("pedestrian", "pedestrian", "car", "car"))
+    assert case.states.shape == (28, 4, 4)
+    assert case.present.all()
+    assert case.dt == pytest.approx(0.24)
+    assert case.at_aachen
+    # The car that turns begins in the northern arm, and its heading has no jump of a full turn.
+    assert np.hypot(*(case.states[0, 2, :2] - [-13.3, 76.9])) < 3.0
+    assert np.abs(np.diff(case.states[:, 2:, 3], axis=0)).max() < 2.0
+    lanes = [p.costs[-1].lane for p in fitted_game(case, 28, 27).players[2:]]
+    assert lanes == list(LANES[:2])
+    # Before it turns, nobody can know that it will.
+    assert fitted_game(case, 3, 27).players[2].costs[-1].lane != LANES[0]
+
+
+@pytest.mark.parametrize(
+    ("told", "changes"),
+    [
+        ("--tracks", {"tracks": ("201", "999")}),
+        ("--tracks", {"tracks": ("201", "201")}),
+        ("--frames", {"frames": (26158, 26176)}),
+        ("--frames", {"frames": (26400, 26600)}),
+        ("--every", {"every": 0}),
+    ],
+)
+def test_wrong_choices_are_named(folder, told, changes):
+    arguments = {"data": folder, "tracks": TRACKS, "frames": FRAMES, "recording": "07"}
+    with pytest.raises(WindowError, match=told):
+        load(Choice(**{**arguments, **changes}))
+
+
+def test_places_can_be_chosen(folder):
+    assert not load(Choice(folder, TRACKS, FRAMES, place="open")).at_aachen
+    whole = load(Choice(folder, TRACKS, place="aachen"))  # all frames that they share
+    assert len(whole.states) == 29
+
+
+def test_differences_take_the_short_way_round_and_leave_out_who_is_missing():
+    states = moving()
+    states[3, 0] = np.nan
+    case = case_of(states)
+    other = moving() + 0.1
+    other[:, 1, 3] += 2.0 * np.pi
+    gap = difference(case, other)
+    assert np.allclose(gap[case.present], 0.1)
+    assert np.array_equal(gap[3, 0], np.zeros(4))
+
+
+def test_constant_velocity_is_exact_where_it_holds():
+    states = moving()
+    states[2, 0] = states[5:, 1] = np.nan
+    case = case_of(states)
+    for observation in ("full", "positions"):
+        seen = observe(case, observation, 0.0, 0, 6)
+        assert np.isnan(seen[6:]).all()
+        np.testing.assert_allclose(straight(case, seen), moving(), atol=1e-12)
+        np.testing.assert_allclose(straight(case, seen, 3), moving(), atol=1e-12)
+
+
+def test_the_same_sequence_goes_to_everybody():
+    case = case_of(moving())
+    first = observe(case, "full", 0.1, 3, 8)
+    assert np.array_equal(first, observe(case, "full", 0.1, 3, 8))
+    assert not np.array_equal(first, observe(case, "full", 0.1, 4, 8))
+    assert np.std(first - case.states.reshape(8, -1)) == pytest.approx(0.1, rel=0.3)
+
+
+def test_standard_errors():
+    values = np.random.default_rng(0).normal(3.0, 2.0, 400)
+    mean, error = mean_and_error(values)
+    assert mean == pytest.approx(values.mean())
+    assert error == pytest.approx(2.0 / np.sqrt(400), rel=0.1)
+    assert mean_and_error(np.array([4.0])) == (4.0, 0.0)
+    with pytest.raises(ValueError, match="values"):
+        mean_and_error(np.array([]))
+
+
+def test_a_small_study(folder, tmp_path, monkeypatch):
+    choice = Choice(folder, ("201", "207"), (26158, 26200), 6, "07")
+    settings = {"observations": ("full",), "workers": 0}
+    rows = study(tmp_path / "rows", choice, 1, 3, **settings)
+    assert [r["method"] for r in rows] == sorted(METHODS)  # one noise-free sequence of each
+    assert all(r["solved"] and not r["error"] for r in rows)
+    errors = {r["method"]: r["error_squared"] for r in rows}
+    assert errors["foresight"] < errors["farsighted"]
+    assert errors["foresight"] < errors["constant velocity"]
+    inferred = next(r for r in rows if r["method"] == "foresight")
+    assert len(inferred["gamma"]) == 2
+    assert all(
+        low <= g <= high
+        for g, low, high in zip(
+            inferred["gamma"], inferred["gamma_low"], inferred["gamma_high"], strict=True
+        )
+    )
+    monkeypatch.setattr(intersection_study, "fit", None)  # nothing is run again
+    assert study(tmp_path / "rows", choice, 1, 3, **settings) == rows
+    with pytest.raises(ValueError, match="another configuration"):
+        study(tmp_path / "rows", choice, 1, 3, parameters="all", **settings)
+    monkeypatch.undo()
+    case = load(choice)
+    predictions = predict(case, 5, "goals")
+    assert [p.method for p in predictions] == list(METHODS)
+    for p in predictions:
+        gap = np.linalg.norm(p.states[5:, :, :2] - case.states[5:, :, :2], axis=2)
+        assert p.average_error == pytest.approx(gap.mean())
+    console = Console(record=True, width=100)
+    print_errors(console, rows)
+    print_gammas(console, case, rows)
+    print_predictions(console, case, 5, predictions)
+    told = console.export_text()
+    for word in ("gamma inferred", "constant velocity", "pedestrian", "Seen 5 steps"):
+        assert word in told
+    for path in (
+        error_over_noise(rows, tmp_path / "errors.png"),
+        snapshot(case, 5, predictions, tmp_path / "snapshot.png"),
+    ):
+        with Image.open(path) as image:
+            assert image.width > 600
+    with pytest.raises(ValueError, match="--at"):
+        predict(case, 8, "goals")
+
+
+@pytest.mark.parametrize(
+    ("told", "arguments"),
+    [
+        ("--tracks", ("--data", "FOLDER")),
+        ("--data", ("--tracks", "201,207")),
+        ("--frames", ("--data", "FOLDER", "--tracks", "201,207", "--frames", "1-2")),
+        ("--tracks", ("--data", "FOLDER", "--tracks", "201,9")),
+        ("--at", ("--data", "FOLDER", "--tracks", "201,207", "--at", "100")),
+        ("--at", ("--at", "100")),
+        ("there is no such file", ("--data", "NOWHERE", "--tracks", "201")),
+    ],
+)
+def test_the_command_names_what_is_wrong_and_writes_nothing(
+    folder, tmp_path, monkeypatch, told, arguments
+):
+    monkeypatch.setattr(command_line, "keep_compiled_programs", lambda: None)
+    monkeypatch.setenv("COLUMNS", "200")
+    out = tmp_path / "out"
+    given = [{"FOLDER": folder, "NOWHERE": str(tmp_path / "no.csv")}.get(a, a) for a in arguments]
+    command = ["evaluate", "intersection", *given, "--out", str(out)]
+    result = CliRunner().invoke(command_line.app, command)
+    assert result.exit_code == 2, result.output
+    assert told in result.stderr
+    assert len(result.stderr.splitlines()) == 1
+    assert not out.exists()
