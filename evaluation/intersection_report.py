@@ -41,7 +41,7 @@ def _values(
 def print_errors(console: Console, rows: Sequence[Row]) -> None:
     """Mean trajectory error of each method over noise, bootstrap standard errors beside it."""
     table = Table(title="Errors against the recording")
-    for name in ("observed", "std", "method", "n", "||X - X_recorded||^2", "less", "ADE [m]"):
+    for name in ("observed", "std", "method", "n", "||X - X_recorded||^2", "ratio", "ADE [m]"):
         table.add_column(
             escape(name), justify="left" if name in ("observed", "method") else "right"
         )
@@ -53,9 +53,7 @@ def print_errors(console: Console, rows: Sequence[Row]) -> None:
             if errors.size == 0:
                 continue
             mean, spread = mean_and_error(errors)
-            less = (
-                "" if method == "farsighted" or base.size == 0 else f"{1 - mean / base.mean():.0%}"
-            )
+            ratio = f"{mean / base.mean():.2f}" if base.size else ""
             distance = _values(rows, "average_displacement", observation, std, method).mean()
             table.add_row(
                 observation,
@@ -63,12 +61,12 @@ def print_errors(console: Console, rows: Sequence[Row]) -> None:
                 LABELS.get(method, method),
                 str(errors.size),
                 f"{mean:.3g}" + (f" ±{spread:.2g}" if spread > 0.0 else ""),
-                less,
+                ratio,
                 f"{distance:.2f}",
                 end_section=method == METHODS[-1],
             )
     console.print(table)
-    console.print("±: bootstrap standard error. less: than gamma = 1. ADE: mean distance.")
+    console.print("±: bootstrap standard error. ratio: to gamma = 1. ADE: mean distance.")
     unsolved = sum(not r["error"] and not r["solved"] for r in rows)
     broken = sum(bool(r["error"]) for r in rows)
     if unsolved or broken:
