@@ -61,7 +61,7 @@ ALL_PRIOR = Prior(
 """Weights are believed to be near the published starts: their common scale changes nothing."""
 LEAST_STD = 0.1
 """Deviation (m, m/s, rad) of observations at least: no game is an exact model of people, and fits
-that believe so end in local minima (a window of the project's own, positions: error 2200, not 71)."""
+that believe so end in local minima (the project's own window, positions: error 2200, not 71)."""
 STARTS = 4
 
 
