@@ -34,6 +34,7 @@ class Study(StrEnum):
     STRESS = "stress"
     ENVIRONMENT = "environment"
     RECORDINGS = "recordings"
+    WINDOWS = "windows"
 
 
 def main(

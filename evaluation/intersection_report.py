@@ -159,7 +159,12 @@ def snapshot(case: Case, known: int, predictions: Sequence[Prediction], path: Pa
             seen = case.states[:known, i, :2]
             here = seen[~np.isnan(seen[:, 0])][-1]
             axes.annotate(
-                case.agents[i], here, xytext=(5, 5), textcoords="offset points", fontsize=8
+                case.agents[i],
+                here,
+                xytext=(6, 5) if i % 2 else (-6, -11),
+                ha="left" if i % 2 else "right",
+                textcoords="offset points",
+                fontsize=8,
             )
         label = LABELS.get(p.method, p.method)
         axes.set_title(f"{label}: ADE {p.average_error:.2f} m", fontsize=10)
