@@ -123,7 +123,7 @@ def test_standard_errors():
 
 
 def test_a_small_study(folder, tmp_path, monkeypatch):
-    choice = Choice(folder, ("201", "207"), (26158, 26200), 6, "07")
+    choice = Choice(folder, ("201", "205"), (26158, 26200), 6, "07")
     settings = {"observations": ("full",), "workers": 0}
     rows = study(tmp_path / "rows", choice, 1, 3, **settings)
     assert [r["method"] for r in rows] == sorted(METHODS)  # one noise-free sequence of each
