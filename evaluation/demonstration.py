@@ -26,7 +26,7 @@ from evaluation.intersection_report import (
     print_predictions,
     snapshot,
 )
-from evaluation.intersection_study import check_moment
+from evaluation.intersection_study import check_moment, check_seen
 from evaluation.intersection_window import Choice, load
 from evaluation.junction_sample import write_junction_sample
 from evaluation.recorded import METHODS, encounters, forecast
@@ -181,6 +181,7 @@ def evaluate_intersection(
         )
     case = load(choice)
     check_moment(at, len(case.states))
+    check_seen(case, at)  # now, not after the study
     where = "the published junction" if case.at_aachen else "open ground"
     agents, steps = ", ".join(case.agents), len(case.states)
     console.print(f"{case.name}: {agents}; {steps} steps of {case.dt:.2f} s; {where}", markup=False)

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from evaluation.estimation import OBSERVATIONS, noise_levels
 from evaluation.intersection_window import Case, Choice, difference, fitted_game, load
 from evaluation.metrics import displacement
 from evaluation.store import Row, Store
@@ -33,7 +34,6 @@ from foresight_env.scenarios.intersection import player_theta
 
 KEY = ("observation", "std", "sequence", "method")
 METHODS = ("foresight", "farsighted", "constant velocity")
-OBSERVATIONS = ("full", "positions")
 PARAMETERS = {
     "goals": ("goal",),
     "all": (
@@ -63,11 +63,6 @@ LEAST_STD = 0.1
 """Deviation (m, m/s, rad) of observations at least: no game is an exact model of people, and fits
 that believe so end in local minima (the project's own window, positions: error 2200, not 71)."""
 STARTS = 4
-
-
-def noise_levels(count: int) -> Float[np.ndarray, "count"]:
-    """Standard deviations in even steps from 0 to 0.1 m, m/s and rad."""
-    return np.linspace(0.0, 0.1, count)
 
 
 def model_of(observation: str, agents: int) -> ObservationModel:
@@ -242,17 +237,28 @@ def check_moment(known: int, steps: int) -> None:
         raise ValueError(f"--at: is {known}; expected 3 to {steps - 1} observed steps")
 
 
-def predict(case: Case, known: int, parameters: str, observation: str = "full") -> list[Prediction]:
-    """The paper's receding-horizon picture: each method from the first `known` steps alone."""
+def check_seen(case: Case, known: int) -> None:
+    """Raise `ValueError` when somebody is not seen in the first `known` steps."""
+    late = np.flatnonzero(~case.present[:known].any(axis=0))
+    if late.size:
+        raise ValueError(f"--at: {case.agents[late[0]]} is not seen in the first {known} steps")
+
+
+def predict(case: Case, known: int, parameters: str) -> list[Prediction]:
+    """The paper's receding-horizon picture: each method from the first `known` full states alone.
+
+    Raises `ValueError` when there is nothing to predict, or somebody is not seen before.
+    """
     steps = len(case.states)
     check_moment(known, steps)
-    seen = observe(case, observation, 0.0, 0, known)
+    check_seen(case, known)
+    seen = observe(case, "full", 0.0, 0, known)
     even = straight(case, seen, CONSTANT_VELOCITY_STEPS)
     predictions = []
     for method in METHODS:
         states, gamma, solved = even, None, True
         if method != "constant velocity":
-            found = fit(case, observation, 0.0, 0, method, parameters, known)
+            found = fit(case, "full", 0.0, 0, method, parameters, known)
             solved = int(found.status) == Status.SOLVED
             if solved:
                 states, gamma = by_agent(found), found.gamma

@@ -28,7 +28,7 @@ Place = Literal["auto", "aachen", "open"]
 LEAST_STEPS = 8
 NEARBY = 20.0
 """How far outside the published region tracks at Aachen may lead, m."""
-LANE_SHARE = 1.0
+ON_LANE = 1.0
 """A published lane is a car's when the car is at most this far off it on average, m."""
 
 
@@ -165,7 +165,7 @@ def _lane(case: Case, agent: int, known: int) -> Lane | None:
     places = places[~np.isnan(places[:, 0])]
     if case.at_aachen and len(places):
         off = [float(np.mean([abs(lane.offset(p)) for p in places])) for lane in LANES]
-        if min(off) <= LANE_SHARE:
+        if min(off) <= ON_LANE:
             return LANES[int(np.argmin(off))]
     if len(places) < 2 or np.hypot(*(places[-1] - places[0])) < STANDING:
         return None

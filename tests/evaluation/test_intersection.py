@@ -104,6 +104,13 @@ def test_constant_velocity_is_exact_where_it_holds():
         np.testing.assert_allclose(straight(case, seen, 3), moving(), atol=1e-12)
 
 
+def test_nothing_is_predicted_of_somebody_who_has_not_come():
+    states = moving()
+    states[:5, 1] = np.nan
+    with pytest.raises(ValueError, match="--at: b is not seen in the first 4 steps"):
+        predict(case_of(states), 4, "goals")
+
+
 def test_the_same_sequence_goes_to_everybody():
     case = case_of(moving())
     first = observe(case, "full", 0.1, 3, 8)
