@@ -1,4 +1,4 @@
-"""Egos by name, for the command line and the studies."""
+"""Egos and predictors by name, for the command line and the studies."""
 
 from __future__ import annotations
 
@@ -6,9 +6,12 @@ from collections.abc import Callable
 from typing import Any
 
 from agents.constant_velocity import ConstantVelocity
+from agents.encounter_predictor import EncounterPredictor
 from agents.foresight import Foresight, farsighted
+from agents.kinematic import ConstantTurnRatePredictor, ConstantVelocityPredictor
 from agents.oracle import Oracle
 from agents.policy import EgoPolicy
+from agents.predictor import Predictor
 
 EGOS: dict[str, Callable[[], EgoPolicy[Any]]] = {
     "oracle": Oracle,
@@ -23,3 +26,18 @@ def make_ego(name: str) -> EgoPolicy[Any]:
     if name not in EGOS:
         raise ValueError(f"ego: {name!r} is unknown; choose from {', '.join(EGOS)}")
     return EGOS[name]()
+
+
+PREDICTORS: dict[str, Callable[[], Predictor]] = {
+    "foresight": EncounterPredictor,
+    "farsighted": lambda: EncounterPredictor(infer=False),
+    "constant-velocity": ConstantVelocityPredictor,
+    "constant-turn-rate": ConstantTurnRatePredictor,
+}
+
+
+def make_predictor(name: str) -> Predictor:
+    """The registered predictor of that name; `ValueError` lists the names."""
+    if name not in PREDICTORS:
+        raise ValueError(f"predictor: {name!r} is unknown; choose from {', '.join(PREDICTORS)}")
+    return PREDICTORS[name]()

@@ -18,7 +18,7 @@ from foresight_env.scenarios.aachen import AACHEN_REGION, AACHEN_ROTATION
 from foresight_env.scenarios.intersection import (
     STANDING,
     Region,
-    driving_state,
+    driving_states,
     intersection_game,
     is_walking,
 )
@@ -139,12 +139,8 @@ def _game_states(window: Window) -> Float[np.ndarray, "K N 4"]:
     """Recorded states as the game has them, headings without jumps."""
     states = np.array(window.states)
     for i, kind in enumerate(window.kinds):
-        if is_walking(kind):
-            continue
-        seen = np.flatnonzero(window.present[:, i])
-        for k in seen:
-            states[k, i] = driving_state(states[k, i], float(window.headings[k, i]))
-        states[seen, i, 3] = np.unwrap(states[seen, i, 3])
+        if not is_walking(kind):
+            states[:, i] = driving_states(states[:, i], window.headings[:, i])
     return states
 
 

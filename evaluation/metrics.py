@@ -30,3 +30,50 @@ def displacement(
         if present[:, a].any()
     ]
     return float(gap[present].mean()), float(np.mean(last))
+
+
+MISS_DISTANCE = 2.0
+"""Farther off than this at the end, an agent's prediction is a miss (Argoverse, nuScenes), m."""
+
+
+def displacement_until(
+    predicted: Float[np.ndarray, "K A 2"],
+    truth: Float[np.ndarray, "K A 2"],
+    present: Bool[np.ndarray, "K A"],
+    dt: float,
+    seconds: float,
+) -> tuple[float, float]:
+    """ADE over the steps up to `seconds`, and FDE at that time, between steps by interpolation.
+
+    Step k is `(k + 1) * dt` s away. NaN where no agent is present then; a time before the first
+    step has no ADE.
+    """
+    gap = predicted - np.where(present[..., None], truth, np.nan)
+    inside = dt * np.arange(1, len(gap) + 1) <= seconds * (1.0 + 1e-9)
+    distance = np.linalg.norm(gap, axis=2)
+    counted = distance[inside & present.any(axis=1)]
+    average = float(np.nanmean(counted)) if counted.size else float("nan")
+    place = seconds / dt - 1.0
+    low = int(np.floor(place + 1e-9))
+    part = max(place - low, 0.0)
+    if low < 0 or low + (part > 1e-9) >= len(gap):
+        return average, float("nan")
+    at = gap[low] if part <= 1e-9 else (1.0 - part) * gap[low] + part * gap[low + 1]
+    final = np.linalg.norm(at, axis=1)
+    return average, float("nan") if np.isnan(final).all() else float(np.nanmean(final))
+
+
+def missed(
+    predicted: Float[np.ndarray, "K A 2"],
+    truth: Float[np.ndarray, "K A 2"],
+    present: Bool[np.ndarray, "K A"],
+) -> Bool[np.ndarray, "A"]:
+    """Whose prediction is off by more than `MISS_DISTANCE` at the last step at which it is present.
+
+    Agents that are never present are not missed.
+    """
+    rows = np.arange(len(present))[:, None]
+    last = np.where(present, rows, -1).max(axis=0)
+    agents = np.arange(present.shape[1])
+    gap = np.linalg.norm(predicted[last, agents] - truth[last, agents], axis=1)
+    return np.asarray((last >= 0) & (gap > MISS_DISTANCE))

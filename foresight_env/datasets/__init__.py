@@ -9,7 +9,7 @@ from foresight_env.datasets.dut import DUT_RATE, read_dut, write_dut
 from foresight_env.datasets.errors import RecordingError
 from foresight_env.datasets.ind import find_ind_recordings, read_ind, write_ind
 from foresight_env.datasets.interactions import Interaction, closest_crossings, find_interaction
-from foresight_env.datasets.reader import Format, open_recording
+from foresight_env.datasets.reader import Format, open_recording, recordings_below
 from foresight_env.datasets.recording import Recording
 from foresight_env.datasets.track import Track, Window
 from foresight_env.datasets.ucy import UCY_RATE, read_ucy, write_ucy
@@ -30,6 +30,7 @@ __all__ = [
     "read_dut",
     "read_ind",
     "read_ucy",
+    "recordings_below",
     "write_dut",
     "write_ind",
     "write_ucy",

@@ -11,7 +11,7 @@ from foresight_env.datasets.ind import find_ind_recordings, read_ind
 from foresight_env.datasets.recording import Recording
 from foresight_env.datasets.ucy import read_ucy
 
-__all__ = ["Format", "open_recording"]
+__all__ = ["Format", "open_recording", "recordings_below"]
 
 Format = Literal["ind", "dut", "ucy"]
 
@@ -98,17 +98,7 @@ def _open_in_directory(
     format: Format | None,
     recording: int | str | None,
 ) -> Recording:
-    choices: dict[str, tuple[Format, Path]] = {}
-    if format in (None, "ind"):
-        choices |= {name: ("ind", directory) for name in find_ind_recordings(directory)}
-    if format in (None, "dut"):
-        for file in sorted(directory.glob("*_filtered.csv")):
-            stem = dut_stem(file)
-            if stem is not None:
-                choices[stem.name.removesuffix("_traj")] = ("dut", stem)
-    if format in (None, "ucy"):
-        for file in sorted(directory.glob("*obsmat.txt")):
-            choices[file.name.removesuffix("obsmat.txt").rstrip("_") or file.name] = ("ucy", file)
+    choices = _choices(directory, format)
     if not choices:
         raise RecordingError(directory, None, f"holds no recording; readable are {_ACCEPTED}")
     if recording is None and len(choices) > 1:
@@ -123,3 +113,39 @@ def _open_in_directory(
                 return read_ind(path, name)
             return read_dut(path) if kind == "dut" else read_ucy(path)
     raise RecordingError(directory, None, f"has no recording {wanted}; it has {', '.join(choices)}")
+
+
+def recordings_below(path: str | os.PathLike[str]) -> tuple[tuple[Path, str | None], ...]:
+    """Every recording in a directory and the directories below it, without reading them.
+
+    Returns:
+        Pairs for ``open_recording(directory, recording=name)``, in the order of their paths; for
+        a file, that file alone, with None as its name.
+
+    Raises:
+        RecordingError: there is none.
+    """
+    path = Path(path)
+    if not path.is_dir():
+        return ((path, None),)
+    directories = [path, *sorted(p for p in path.rglob("*") if p.is_dir())]
+    found = tuple((d, name) for d in directories for name in _choices(d, None))
+    if not found:
+        raise RecordingError(path, None, f"holds no recording; readable are {_ACCEPTED}")
+    return found
+
+
+def _choices(directory: Path, format: Format | None) -> dict[str, tuple[Format, Path]]:
+    """The recordings of a directory by name: their format and what to read."""
+    choices: dict[str, tuple[Format, Path]] = {}
+    if format in (None, "ind"):
+        choices |= {name: ("ind", directory) for name in find_ind_recordings(directory)}
+    if format in (None, "dut"):
+        for file in sorted(directory.glob("*_filtered.csv")):
+            stem = dut_stem(file)
+            if stem is not None:
+                choices[stem.name.removesuffix("_traj")] = ("dut", stem)
+    if format in (None, "ucy"):
+        for file in sorted(directory.glob("*obsmat.txt")):
+            choices[file.name.removesuffix("obsmat.txt").rstrip("_") or file.name] = ("ucy", file)
+    return choices

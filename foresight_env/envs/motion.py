@@ -12,9 +12,10 @@ from jaxtyping import Array, Float
 
 from foresight_env.games import (
     DoubleIntegrator,
+    Dynamics,
     Game,
-    KinematicBicycle,
     ObservationModel,
+    Vehicle,
     stage_cost,
 )
 from foresight_env.precision import in_double_precision
@@ -23,9 +24,19 @@ FIRST_STAGE = 1
 """Every step of the world is the first stage of the game that agents play from there on."""
 RATES: dict[type, tuple[tuple[int, int], ...]] = {
     DoubleIntegrator: ((0, 2), (1, 3)),
-    KinematicBicycle: ((0, 2),),
+    Vehicle: ((0, 2),),
 }
-"""Per dynamics, which entry of the control is the rate of which entry of the state."""
+"""Per kind of dynamics, which entry of the control is the rate of which entry of the state."""
+
+
+def rates(dynamics: Dynamics) -> tuple[tuple[int, int], ...]:
+    """Which entry of the control is the rate of which entry of the state."""
+    for kind, found in RATES.items():
+        if isinstance(dynamics, kind):
+            return found
+    raise ValueError(
+        f"dynamics: is a {type(dynamics).__name__}; worlds move {[k.__name__ for k in RATES]}"
+    )
 
 
 def applicable(
@@ -39,9 +50,9 @@ def applicable(
             applied[i] = np.clip(applied[i], low, high)
         if player.state_bounds is not None:
             low, high = player.state_bounds.lower[0], player.state_bounds.upper[0]
-            for k, n in RATES[type(player.dynamics)]:
-                rates = (low[n] - states[i, n]) / game.dt, (high[n] - states[i, n]) / game.dt
-                applied[i, k] = np.clip(applied[i, k], *rates)
+            for k, n in rates(player.dynamics):
+                reach = (low[n] - states[i, n]) / game.dt, (high[n] - states[i, n]) / game.dt
+                applied[i, k] = np.clip(applied[i, k], *reach)
     return applied
 
 
@@ -49,7 +60,7 @@ def brake(game: Game, states: Float[np.ndarray, "N n"]) -> Float[np.ndarray, "N 
     """Controls that bring everybody to rest as fast as the limits allow; nobody steers."""
     controls = np.zeros((len(states), game.players[0].dynamics.control_size))
     for i, player in enumerate(game.players):
-        for k, n in RATES[type(player.dynamics)]:
+        for k, n in rates(player.dynamics):
             controls[i, k] = -states[i, n] / game.dt
     return applicable(game, states, controls)
 
@@ -69,7 +80,7 @@ def advance(
     # Rounding alone may leave a velocity 1e-16 beyond the limit that the solver insists on.
     for i, player in enumerate(game.players):
         if player.state_bounds is not None:
-            for _, n in RATES[type(player.dynamics)]:
+            for _, n in rates(player.dynamics):
                 low, high = player.state_bounds.lower[0][n], player.state_bounds.upper[0][n]
                 after[i, n] = np.clip(after[i, n], low, high)
     return after, np.array(costs)

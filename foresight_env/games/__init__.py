@@ -17,7 +17,13 @@ from foresight_env.games.costs import (
     TargetSpeed,
 )
 from foresight_env.games.discounting import CustomDiscounting, Discounting, Exponential, Hyperbolic
-from foresight_env.games.dynamics import DoubleIntegrator, Dynamics, KinematicBicycle
+from foresight_env.games.dynamics import (
+    CurvatureVehicle,
+    DoubleIntegrator,
+    Dynamics,
+    KinematicBicycle,
+    Vehicle,
+)
 from foresight_env.games.game import Game, Player, inside_bounds
 from foresight_env.games.observations import ObservationModel, full_state, positions
 from foresight_env.games.roads import (
@@ -35,6 +41,7 @@ __all__ = [
     "Bounds",
     "Circle",
     "Composite",
+    "CurvatureVehicle",
     "CustomDiscounting",
     "Discounting",
     "DoubleIntegrator",
@@ -59,6 +66,7 @@ __all__ = [
     "SigmoidProximity",
     "SquaredDistanceHinge",
     "TargetSpeed",
+    "Vehicle",
     "full_state",
     "inside_bounds",
     "positions",

@@ -8,7 +8,7 @@ are SI, angles are radians.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import ClassVar, Protocol, runtime_checkable
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -59,20 +59,26 @@ class DoubleIntegrator:
         )
 
 
+class Vehicle:
+    """What cars have in common: state `[px, py, v, psi]` (m, m/s, rad), control `[a, ...]`.
+
+    The first control is the acceleration along the heading (m/s^2), the second steers.
+    """
+
+    state_size: ClassVar[int] = 4
+    control_size: ClassVar[int] = 2
+    linear: ClassVar[bool] = False
+
+
 @dataclass(frozen=True)
-class KinematicBicycle:
+class KinematicBicycle(Vehicle):
     """Car with its rear axle as reference point, forward Euler as in the paper (section VI-B).
 
-    State `[px, py, v, psi]` (m, m/s, rad), control `[a, phi]`: longitudinal acceleration (m/s^2)
-    and steering angle (rad). `wheelbase` is in metres.
+    Its second control is the steering angle (rad). `wheelbase` is in metres.
     """
 
     dt: float
     wheelbase: float = 1.0
-
-    state_size: int = 4
-    control_size: int = 2
-    linear: bool = False
 
     def __call__(
         self, t: StageNumber, state: Float[Array, "4"], control: Float[Array, "2"]
@@ -85,6 +91,34 @@ class KinematicBicycle:
                 speed * jnp.sin(heading),
                 acceleration,
                 speed * jnp.tan(steering) / self.wheelbase,
+            ]
+        )
+        return state + self.dt * rate
+
+
+@dataclass(frozen=True)
+class CurvatureVehicle(Vehicle):
+    """Car steered by the curvature of its path, whatever its wheelbase; midpoint rule.
+
+    Its second control is the curvature (1/m), positive to the left. With long steps, where forward
+    Euler leaves the circle, it stays on it to second order.
+    """
+
+    dt: float
+
+    def __call__(
+        self, t: StageNumber, state: Float[Array, "4"], control: Float[Array, "2"]
+    ) -> Float[Array, "4"]:
+        _, _, speed, heading = state
+        acceleration, curvature = control
+        middle = speed + 0.5 * self.dt * acceleration
+        turned = heading + 0.5 * self.dt * middle * curvature
+        rate = jnp.stack(
+            [
+                middle * jnp.cos(turned),
+                middle * jnp.sin(turned),
+                acceleration,
+                middle * curvature,
             ]
         )
         return state + self.dt * rate

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from foresight_env.games.dynamics import Dynamics, KinematicBicycle
+from foresight_env.games.arc import arc
+from foresight_env.games.dynamics import Dynamics, Vehicle
 from foresight_env.games.game import Game
 from foresight_env.games.observations import ObservationModel
 
@@ -16,7 +17,7 @@ class NeverSeenError(ValueError):
 
 def _velocity(dynamics: Dynamics, state: Float[np.ndarray, "_"]) -> Float[np.ndarray, "2"]:
     """Velocity (m/s) that a state of at least four entries stands for."""
-    if isinstance(dynamics, KinematicBicycle):
+    if isinstance(dynamics, Vehicle):
         return state[2] * np.array([np.cos(state[3]), np.sin(state[3])])
     return state[2:4]
 
@@ -27,9 +28,10 @@ def guess_initial_states(
     """Per-player `x_1` from observations whose entries are the leading ones of each player's state.
 
     Entries that are not observed come from the positions: velocities (double integrator) or speed
-    and heading (bicycle) by the mean displacement over the first half of the window. Missing
+    and heading (vehicle) by the mean displacement over the first half of the window. Missing
     observations are NaN; an agent never seen raises `NeverSeenError`, one seen late is moved
-    back along its velocity. Guesses lie inside the state bounds.
+    back along its velocity, a vehicle whose heading is observed along its circle. Guesses lie
+    inside the state bounds.
     """
     owners = np.array([-1 if o is None else o for o in model.owners])
     states = []
@@ -49,11 +51,15 @@ def guess_initial_states(
             velocity = _velocity(player.dynamics, state)
             if width == 2 and last > first:
                 velocity = (mine[last, :2] - mine[first, :2]) / (game.dt * (last - first))
-                if isinstance(player.dynamics, KinematicBicycle):
+                if isinstance(player.dynamics, Vehicle):
                     state[2:4] = np.hypot(*velocity), np.arctan2(velocity[1], velocity[0])
                 else:
                     state[2:4] = velocity
-            state[:2] -= game.dt * first * velocity
+            turn = 0.0
+            if isinstance(player.dynamics, Vehicle) and width > 3 and last > first:
+                turn = float((mine[last, 3] - mine[first, 3]) / (game.dt * (last - first)))
+                state[3] -= game.dt * first * turn
+            state[:2] -= arc(velocity, -turn, np.array([game.dt * first]))[0]
         if player.state_bounds is not None:
             state = np.clip(state, player.state_bounds.lower[0], player.state_bounds.upper[0])
         states.append(state)

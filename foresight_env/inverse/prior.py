@@ -21,8 +21,10 @@ class Prior:
     Gaussian belief: an earlier estimate's `values` and the inverse of its `covariance`.
     """
 
-    gamma_weight: float = 1e-3
-    gamma_center: float = 1.0
+    gamma_weight: float | tuple[float, ...] = 1e-3
+    """A number, or one per player: people and cars may be believed in differently."""
+    gamma_center: float | tuple[float, ...] = 1.0
+    """A number, or one per player."""
     theta_deviation: tuple[tuple[str, float], ...] = ()
     """Names of entries of `theta` with the standard deviation of a belief around their centre, such
     as `(("goal", 3.0),)`."""
@@ -57,8 +59,12 @@ def prior_terms(
             )
     entries = [name.split("[")[0].split(" ")[0] for name in coordinates.names]
     believed = np.array([spread[e] ** -2.0 if e in spread else 0.0 for e in entries])
-    weight = np.where(coordinates.is_gamma, prior.gamma_weight, believed) * free
-    center = np.where(coordinates.is_gamma, prior.gamma_center, values)
+    weight = np.where(coordinates.is_gamma, 0.0, believed)
+    center = values.copy()
+    count = len(coordinates.layout.game.players)
+    weight[coordinates.is_gamma] = _per_player("gamma_weight", prior.gamma_weight, count)
+    center[coordinates.is_gamma] = _per_player("gamma_center", prior.gamma_center, count)
+    weight = weight * free
     if (prior.mean is None) != (prior.information is None):
         raise ValueError("prior: mean and information belong together; give both or neither")
     if prior.mean is None or prior.information is None:
@@ -81,3 +87,16 @@ def prior_terms(
     root = np.zeros((values.size, values.size))
     root[np.ix_(free, free)] = np.sqrt(np.maximum(spectrum, 0.0))[:, None] * basis.T
     return combined, root
+
+
+def _per_player(
+    name: str, value: float | tuple[float, ...], count: int
+) -> Float[np.ndarray, "N"]:
+    """One number per player; both settings are at least 0."""
+    each = np.asarray(value, dtype=float)
+    if each.shape not in ((), (count,)) or not (np.isfinite(each) & (each >= 0.0)).all():
+        raise ValueError(
+            f"prior.{name}: is {value}; expected a number of at least 0, or {count} of them, one "
+            "per player"
+        )
+    return np.broadcast_to(each, (count,))

@@ -1,8 +1,7 @@
 """An encounter on open ground, for recordings: people and vehicles keep their pace and make way.
 
-Every agent has a velocity that it would keep (where it is heading and how fast), pays for changing
-it, and pays for coming too close. Double integrators serve people and, over a few seconds,
-vehicles. Units: metres, seconds.
+People have a velocity that they would keep, vehicles a speed and a curvature of their path. All pay
+for leaving it and for coming too close. Units: metres, seconds, radians.
 """
 
 from __future__ import annotations
@@ -15,24 +14,41 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from foresight_env.games.constraints import Bounds
-from foresight_env.games.costs import Effort, Weight, distances, weight_value
-from foresight_env.games.dynamics import DoubleIntegrator
+from foresight_env.games.costs import Effort, TargetSpeed, Weight, distances, weight_value
+from foresight_env.games.dynamics import CurvatureVehicle, DoubleIntegrator
 from foresight_env.games.game import Game, Player
 from foresight_env.games.types import Controls, Scalar, StageNumber, States, Theta
 
-CRUISE_WEIGHT = 0.3
+CRUISE_WEIGHT = 0.5
 CONTROL_WEIGHT = 1.0
-COLLISION_WEIGHT = 3.0
+TURN_WEIGHT = 100.0
+"""Of a vehicle's leaving the curvature that it would keep, m^2."""
+COLLISION_WEIGHT = 0.3
 ACCELERATION_LIMIT = 5.0
-"""Per axis, m/s^2: harder than people walk and cars brake in ordinary traffic."""
-PERSONAL_SPACE = {"pedestrian": 0.6, "bicycle": 0.8}
-"""Radius that an agent of each kind keeps free around its centre, m; vehicles see below."""
-VEHICLE_SPACE = 1.8
+"""People per axis, vehicles along their heading, m/s^2: harder than people walk and cars brake in
+ordinary traffic."""
+CURVATURE_LIMIT = 0.3
+"""1/m: a turning circle of 3.3 m, tighter than cars can."""
+PERSONAL_SPACE = {"pedestrian": 0.3, "bicycle": 0.5}
+"""Radius that people keep free around their centre towards each other, m; others are vehicles."""
+VEHICLE_BERTH = 4.0
+"""Further distance that people and vehicles keep between each other's centres, m: people slow down
+for a vehicle early. Chosen, with `COLLISION_WEIGHT`, on the development recordings."""
+VEHICLE_DISTANCE = 6.0
+"""Distance between two vehicles' centres, m: a length and a gap."""
 
 
-def personal_space(kind: str) -> float:
-    """Radius (m) that an agent of this kind keeps free around its centre."""
-    return PERSONAL_SPACE.get(kind, VEHICLE_SPACE)
+def is_vehicle(kind: str) -> bool:
+    """Whether agents of this kind are steered; the others walk or ride."""
+    return kind not in PERSONAL_SPACE
+
+
+def wanted_distance(kind: str, other: str) -> float:
+    """Distance between centres (m) below which agents of these kinds pay."""
+    if is_vehicle(kind) and is_vehicle(other):
+        return VEHICLE_DISTANCE
+    berth = VEHICLE_BERTH if is_vehicle(kind) or is_vehicle(other) else 0.0
+    return berth + PERSONAL_SPACE.get(kind, 0.0) + PERSONAL_SPACE.get(other, 0.0)
 
 
 @dataclass(frozen=True)
@@ -48,16 +64,32 @@ class Cruise:
 
 
 @dataclass(frozen=True)
-class Crowding:
-    """`w * sum_j max(0, r_i + r_j - ||p_i - p_j||)^2`, `r` the radii of everybody's space."""
+class Steering:
+    """`w_a * a^2 + w_k * (k - curvature)^2` with the wanted curvature (1/m) in `theta`."""
 
-    radii: tuple[float, ...]
+    weight: Weight
+    turn_weight: Weight
+    curvature: str = "curvature"
+
+    def __call__(self, i: int, t: StageNumber, x: States, u: Controls, theta: Theta) -> Scalar:
+        acceleration, curvature = u[i]
+        return (
+            weight_value(self.weight, theta) * acceleration**2
+            + weight_value(self.turn_weight, theta) * (curvature - theta[self.curvature]) ** 2
+        )
+
+
+@dataclass(frozen=True)
+class Crowding:
+    """`w * sum_j max(0, d_ij - ||p_i - p_j||)^2`, `d_ij` the distance that i wants of j."""
+
+    wanted: tuple[tuple[float, ...], ...]
     weight: Weight
 
     def inner(
         self, i: int, t: StageNumber, x: States, u: Controls, theta: Theta
     ) -> Float[Array, "others"]:
-        wanted = [self.radii[i] + r for j, r in enumerate(self.radii) if j != i]
+        wanted = [d for j, d in enumerate(self.wanted[i]) if j != i]
         return jnp.asarray(wanted) - distances(i, x)
 
     def outer(self, value: Float[Array, "others"], theta: Theta) -> Scalar:
@@ -67,25 +99,45 @@ class Crowding:
         return self.outer(self.inner(i, t, x, u, theta), theta)
 
 
-def player_theta(velocity: Any) -> dict[str, Any]:
-    """One player's parameters: the velocity (2,) it would keep and the weights of its costs."""
-    return {
-        "velocity": velocity,
+def player_theta(kind: str, wish: Any) -> dict[str, Any]:
+    """One player's parameters: what it would keep, and the weights of its costs.
+
+    `wish`: the velocity (2,) of people, `(speed, curvature)` of vehicles.
+    """
+    weights = {
         "cruise_weight": CRUISE_WEIGHT,
         "control_weight": CONTROL_WEIGHT,
         "collision_weight": COLLISION_WEIGHT,
     }
+    if is_vehicle(kind):
+        speed, curvature = wish
+        return {**weights, "speed": speed, "curvature": curvature, "turn_weight": TURN_WEIGHT}
+    return {**weights, "velocity": wish}
 
 
 @lru_cache(maxsize=64)
 def encounter_game(kinds: tuple[str, ...], horizon: int, dt: float) -> Game:
-    """The game between agents of these kinds; `theta` as `player_theta` makes it."""
+    """The game between agents of these kinds; `theta` as `player_theta` makes it.
+
+    States are `[px, py, vx, vy]` of people and `[px, py, v, psi]` of vehicles.
+    """
     if not kinds:
         raise ValueError("kinds: is empty; expected one kind per agent")
-    radii = tuple(personal_space(kind) for kind in kinds)
-    costs: tuple[Any, ...] = (Cruise("cruise_weight"), Effort("control_weight"))
-    if len(kinds) > 1:
-        costs = (*costs, Crowding(radii, "collision_weight"))
-    limits = Bounds.box(-ACCELERATION_LIMIT, ACCELERATION_LIMIT, 2)
-    player = Player(DoubleIntegrator(dt), costs, control_bounds=limits)
-    return Game((player,) * len(kinds), horizon, (), dt)
+    wanted = tuple(tuple(wanted_distance(a, b) for b in kinds) for a in kinds)
+    crowding = (Crowding(wanted, "collision_weight"),) if len(kinds) > 1 else ()
+    steering = ACCELERATION_LIMIT, CURVATURE_LIMIT
+    vehicle = Player(
+        CurvatureVehicle(dt),
+        (
+            TargetSpeed("speed", "cruise_weight"),
+            Steering("control_weight", "turn_weight"),
+            *crowding,
+        ),
+        control_bounds=Bounds.box([-bound for bound in steering], steering, 2),
+    )
+    walker = Player(
+        DoubleIntegrator(dt),
+        (Cruise("cruise_weight"), Effort("control_weight"), *crowding),
+        control_bounds=Bounds.box(-ACCELERATION_LIMIT, ACCELERATION_LIMIT, 2),
+    )
+    return Game(tuple(vehicle if is_vehicle(k) else walker for k in kinds), horizon, (), dt)

@@ -245,6 +245,21 @@ def driving_state(state: Float[np.ndarray, "4"], heading: float = np.nan) -> Flo
     return np.array([*state[:2], np.hypot(*velocity), own])
 
 
+def driving_states(
+    states: Float[np.ndarray, "K 4"], headings: Float[np.ndarray, "K"]
+) -> Float[np.ndarray, "K 4"]:
+    """A recorded track `[px, py, vx, vy]` as a car's `[px, py, v, psi]`, headings without jumps.
+
+    NaN where it was missing.
+    """
+    driven = np.full(states.shape, np.nan)
+    seen = np.flatnonzero(~np.isnan(states[:, 0]))
+    for k in seen:
+        driven[k] = driving_state(states[k], float(headings[k]))
+    driven[seen, 3] = np.unwrap(driven[seen, 3])
+    return driven
+
+
 STANDING = 2.0
 """A car that comes no farther than this within a window has no lane to be fitted, m."""
 

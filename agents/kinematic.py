@@ -1,0 +1,70 @@
+"""Predictors that let everybody go on as it does."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from agents.predictor import Forecast, History, single
+from foresight_env.games.arc import arc
+from foresight_env.scenarios.encounter import is_vehicle
+from foresight_env.scenarios.intersection import driving_states
+
+TURNING_SPEED = 0.5
+"""Below this a vehicle's turn rate says nothing of its path, m/s."""
+TURN_ROWS = 3
+"""Latest rows that the turn rate is taken from."""
+
+
+def turn_rate(history: History, agent: int) -> float:
+    """Change of a vehicle's heading per second over its latest rows; 0 while it stands."""
+    rows = history.seen(agent)[-TURN_ROWS:]
+    if len(rows) < 2 or np.hypot(*history.states[rows[-1], agent, 2:]) < TURNING_SPEED:
+        return 0.0
+    headings = driving_states(history.states[:, agent], history.headings[:, agent])[rows, 3]
+    return float((headings[-1] - headings[0]) / (history.dt * (rows[-1] - rows[0])))
+
+
+@dataclass(frozen=True)
+class ConstantVelocityPredictor:
+    """Straight on at the velocity that was seen last (Schoeller et al., RA-L 2020)."""
+
+    name: str = "constant-velocity"
+
+    def predict(self, history: History, steps: int) -> Forecast:
+        """Where everybody will be."""
+        return single(_circles(history, steps, np.zeros(len(history.kinds))))
+
+
+@dataclass(frozen=True)
+class ConstantTurnRatePredictor:
+    """Vehicles keep speed and turn rate (CTRV; Schubert, Richter, Wanielik, FUSION 2008).
+
+    People go straight on: their turn rate over a second says nothing of the next ones.
+    """
+
+    name: str = "constant-turn-rate"
+
+    def predict(self, history: History, steps: int) -> Forecast:
+        """Where everybody will be."""
+        turns = [
+            turn_rate(history, i) if is_vehicle(kind) else 0.0
+            for i, kind in enumerate(history.kinds)
+        ]
+        return single(_circles(history, steps, np.array(turns)))
+
+
+def _circles(
+    history: History, steps: int, turns: Float[np.ndarray, "N"]
+) -> Float[np.ndarray, "P N 2"]:
+    """Everybody on a circle (a line where the turn rate is 0) from where it was seen last."""
+    paths = []
+    for i, turn in enumerate(turns):
+        last = history.seen(i)[-1]
+        state = history.states[last, i]
+        age = len(history.states) - 1 - last
+        times = history.dt * (age + np.arange(1, steps + 1))
+        paths.append(state[:2] + arc(state[2:], float(turn), times))
+    return np.stack(paths, axis=1)

@@ -1,0 +1,95 @@
+"""Predictors: what was seen of some agents in, where they will be out; NumPy arrays only.
+
+A user's own model plugs in by having a `name` and a `predict` method; nothing is inherited.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+
+@dataclass(frozen=True, eq=False)
+class History:
+    """What has been seen of N agents at K steps, the last of them now."""
+
+    states: Float[np.ndarray, "K N 4"]
+    """`[px, py, vx, vy]` (m, m/s), NaN where an agent was not seen."""
+    headings: Float[np.ndarray, "K N"]
+    """rad; NaN where the recording has none, as of pedestrians."""
+    kinds: tuple[str, ...]
+    """"pedestrian", "bicycle", or a vehicle's kind."""
+    extents: Float[np.ndarray, "N 2"]
+    """Lengths and widths, m; NaN where the recording states none."""
+    dt: float
+    """Seconds per step."""
+
+    def __post_init__(self) -> None:
+        count = len(self.kinds)
+        steps = len(self.states)
+        for name, shape in (
+            ("states", (steps, count, 4)),
+            ("headings", (steps, count)),
+            ("extents", (count, 2)),
+        ):
+            if getattr(self, name).shape != shape:
+                raise ValueError(
+                    f"{name}: has shape {getattr(self, name).shape}; expected {shape} for {count} "
+                    "kinds"
+                )
+        if not (math.isfinite(self.dt) and self.dt > 0.0):
+            raise ValueError(f"dt: is {self.dt}; expected a positive number of seconds")
+        unseen = np.flatnonzero(np.isnan(self.states).any(axis=2).all(axis=0))
+        if unseen.size:
+            raise ValueError(f"states: agent {unseen[0]} was never seen; leave it out")
+
+    def seen(self, agent: int) -> np.ndarray:
+        """Rows in which the agent was seen, at least one."""
+        return np.flatnonzero(~np.isnan(self.states[:, agent]).any(axis=1))
+
+
+@dataclass(frozen=True, eq=False)
+class Forecast:
+    """M possible futures of N agents over P steps, the first one step from now."""
+
+    positions: Float[np.ndarray, "M P N 2"]
+    """m."""
+    probabilities: Float[np.ndarray, "M"]
+    covariance: Float[np.ndarray, "M P N 2 2"] | None = None
+    """Of the positions, m^2, where the predictor has it."""
+    gamma: Float[np.ndarray, "N"] | None = None
+    """Discount factors that the prediction rests on."""
+    gamma_deviation: Float[np.ndarray, "N"] | None = None
+    """Standard deviations; 0 where one rests on a limit of the search, or was not inferred."""
+    gamma_determined: Bool[np.ndarray, "N"] | None = None
+    """False where the observations leave a discount factor open."""
+    fallback: bool = False
+    """Whether the predictor failed and this is a simpler one's forecast."""
+
+    @property
+    def likeliest(self) -> Float[np.ndarray, "P N 2"]:
+        """Positions of the future of highest probability."""
+        return np.asarray(self.positions[int(np.argmax(self.probabilities))])
+
+
+def single(positions: Float[np.ndarray, "P N 2"]) -> Forecast:
+    """A forecast of one future."""
+    return Forecast(positions[None], np.ones(1))
+
+
+@runtime_checkable
+class Predictor(Protocol):
+    """What predicts."""
+
+    @property
+    def name(self) -> str:
+        """Name in tables and on the command line."""
+        ...
+
+    def predict(self, history: History, steps: int) -> Forecast:
+        """Where everybody will be in the next `steps` steps of `history.dt`."""
+        ...
