@@ -140,6 +140,4 @@ def _covariance(found: Estimate, future: slice) -> Float[np.ndarray, "P N 2 2"]:
     rates = found.state_jacobian[future]
     begins = np.cumsum([0, *(s.shape[1] for s in found.solution.states)])[:-1]
     blocks = [rates[:, b : b + 2] for b in begins]
-    return np.stack(
-        [np.einsum("tap,pq,tbq->tab", j, found.covariance, j) for j in blocks], axis=1
-    )
+    return np.stack([np.einsum("tap,pq,tbq->tab", j, found.covariance, j) for j in blocks], axis=1)

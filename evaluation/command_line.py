@@ -251,6 +251,51 @@ def evaluate_intersection(
     )
 
 
+PREDICTOR_NAMES = ("foresight", "farsighted", "constant-velocity", "constant-turn-rate")
+
+
+class Split(StrEnum):
+    """Which recordings of a folder."""
+
+    ALL = "all"
+    DEVELOPMENT = "development"
+    TEST = "test"
+
+
+@evaluate.command("prediction")
+@plain_errors
+def evaluate_prediction(
+    data: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder of recordings (inD, DUT, UCY), searched with all below it, or a file; "
+            "without it, a recording that the project makes itself."
+        ),
+    ] = None,
+    predictors: Annotated[
+        str, typer.Option(help=f"Comma-separated, of {', '.join(PREDICTOR_NAMES)}.")
+    ] = ",".join(PREDICTOR_NAMES),
+    split: Annotated[
+        Split,
+        typer.Option(
+            help="development: the recordings that settings were chosen on; test: all others."
+        ),
+    ] = Split.ALL,
+    workers: WorkersOption = None,
+    out: OutOption = Path("results/prediction"),
+) -> None:
+    """Predict recorded agents who interact: errors over 1 to 4 s, misses, overlaps, latency."""
+    names = tuple(dict.fromkeys(name.strip() for name in predictors.split(",")))
+    unknown = [name for name in names if name not in PREDICTOR_NAMES]
+    if unknown:
+        raise ValueError(
+            f"--predictors: {unknown[0]!r} is unknown; choose from {', '.join(PREDICTOR_NAMES)}"
+        )
+    from evaluation import demonstration
+
+    demonstration.evaluate_prediction(data, names, split.value, workers, out)
+
+
 @app.command()
 @plain_errors
 def estimate(

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from evaluation import closed_loop, estimation, intersection_study, junction_sample
+from evaluation import closed_loop, estimation, intersection_study, junction_sample, prediction
 from evaluation.closed_loop import INFERRING, ClosedLoop, episode, make_environment, summarise
 from evaluation.episode_pictures import draw_episode
 from evaluation.figures import (
@@ -29,7 +30,8 @@ from evaluation.intersection_report import (
 from evaluation.intersection_study import check_moment, check_seen
 from evaluation.intersection_window import Choice, load
 from evaluation.junction_sample import write_junction_sample
-from evaluation.recorded import METHODS, encounters, forecast
+from evaluation.prediction_report import error_over_time, print_prediction
+from evaluation.recorded import PREDICTORS, encounters, forecast
 from evaluation.sample import true_gammas, write_sample
 from evaluation.tables import (
     print_closed_loop,
@@ -197,6 +199,25 @@ def evaluate_intersection(
     _tell(console, snapshot(case, at, predictions, out / "snapshot.png"))
 
 
+def evaluate_prediction(
+    data: Path | None,
+    predictors: Sequence[str],
+    split: str,
+    workers: int | None,
+    out: Path,
+) -> None:
+    """`foresight evaluate prediction`; without data, on a recording of the project's own."""
+    console = Console()
+    if data is None:
+        data = write_sample(out / "recorded").parent
+        console.print(
+            "No --data given: this recording was made by the project itself, in the DUT format."
+        )
+    rows = prediction.study(out / "study", data, predictors, split=split, workers=workers)
+    print_prediction(console, rows)
+    _tell(console, error_over_time(rows, out / "error_over_time.png"))
+
+
 def estimate_recorded(
     file: Path,
     agents: tuple[str, ...] | None,
@@ -214,13 +235,14 @@ def estimate_recorded(
     results = []
     with console.status("inferring (the first fit compiles)"):
         for encounter in chosen:
-            results.append((encounter, [forecast(encounter, m) for m in METHODS]))
+            results.append((encounter, [forecast(encounter, p) for p in PREDICTORS]))
     print_encounters(console, results)
     if not pictures:
         return
     for encounter, forecasts in results:
-        names = "_".join(a.replace(":", "") for a in encounter.interaction.agents)
-        path = out / f"{encounter.recording}_{names}.png"
+        window = encounter.window
+        names = "_".join(a.replace(":", "") for a in window.agents)
+        path = out / f"{window.recording}_{names}.png"
         _tell(console, recorded_encounter(encounter, forecasts, path))
 
 
@@ -246,10 +268,11 @@ def demonstrate(data: Path | None, workers: int | None, out: Path) -> None:
     _tell(console, _trial(console, out))
     console.rule("4. Recorded data")
     if data is None:
+        told = ", ".join(f"{name} {gamma:g}" for name, gamma in true_gammas().items())
         console.print(
             "No --data given: this recording was made by the project itself, in the DUT format, "
-            f"from a game with known discount factors: {true_gammas()}. Where such encounters are "
-            'short, the observations leave them "open".'
+            f"from a game with known discount factors: {told}. Where such encounters are short, "
+            'the observations leave them "open".'
         )
         made = write_sample(out / "recorded")
         console.print(f"recording: {made}", soft_wrap=True, markup=False)

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 from evaluation.estimation import LEAST_STD, bound, truth
 from evaluation.heatmap import Heatmap
-from evaluation.recorded import Encounter, Forecast
+from evaluation.recorded import Encounter, Judged
 from evaluation.store import Row, write_atomically
 from foresight_env.envs.style import COLOURS as AGENT_COLOURS
 from foresight_env.envs.style import INTERVAL_DEVIATIONS
@@ -28,12 +28,14 @@ COLOURS = {
     "farsighted": "#D55E00",
     "constant velocity": "#009E73",
     "constant-velocity": "#009E73",
+    "constant-turn-rate": "#56B4E9",
     "oracle": "#CC79A7",
 }
 LABELS = {
     "foresight": "gamma inferred",
     "farsighted": "gamma = 1",
     "constant-velocity": "constant velocity",
+    "constant-turn-rate": "constant turn rate",
     "oracle": "oracle",
 }
 AGENTS = tuple("#{:02X}{:02X}{:02X}".format(*colour) for colour in AGENT_COLOURS)
@@ -241,34 +243,34 @@ def gamma_over_time(
     return save(figure, path)
 
 
-def recorded_encounter(encounter: Encounter, forecasts: Sequence[Forecast], path: Path) -> Path:
+def recorded_encounter(encounter: Encounter, forecasts: Sequence[Judged], path: Path) -> Path:
     """What was seen, what happened, and what each method predicted."""
     figure = Figure(figsize=(7.0, 6.0), layout="constrained")
     axes = figure.subplots()
-    agents = encounter.interaction.agents
-    for a, name in enumerate(agents):
-        seen = encounter.observed[:, a, :2]
-        later = np.where(encounter.present[:, a, None], encounter.truth[:, a, :2], np.nan)
+    window = encounter.window
+    for a, name in enumerate(window.agents):
+        seen = window.history.states[:, a, :2]
         axes.plot(*seen.T, ".", color="0.5", label="observed" if a == 0 else None)
         axes.plot(
-            *np.concatenate([seen[-1:], later]).T, "-", color="black", lw=4, alpha=0.3,
+            *np.concatenate([seen[-1:], window.truth[:, a]]).T, "-", color="black", lw=4, alpha=0.3,
             label="what happened" if a == 0 else None,
         )  # fmt: skip
         _name(axes, name, seen[~np.isnan(seen[:, 0])][0])
     for found in forecasts:
-        label = LABELS.get(found.method, found.method)
+        label = LABELS.get(found.predictor, found.predictor)
         told = f"{label} (ADE {found.average_error:.2f} m, FDE {found.final_error:.2f} m)"
-        for a in range(len(agents)):
-            start = encounter.observed[-1, a, :2][None]
-            compared = encounter.present[:, a, None]
-            line: Any = np.concatenate([start, np.where(compared, found.predicted[:, a], np.nan)])
+        path_to = found.forecast.likeliest
+        for a in range(len(window.agents)):
+            start = window.history.states[-1, a, :2][None]
+            compared = window.present[:, a, None]
+            line: Any = np.concatenate([start, np.where(compared, path_to[:, a], np.nan)])
             axes.plot(
-                *line.T, ".-", ms=3, lw=1.2, color=COLOURS[found.method],
+                *line.T, ".-", ms=3, lw=1.2, color=COLOURS[found.predictor],
                 label=told if a == 0 else None,
             )  # fmt: skip
     _metres(axes)
     axes.margins(0.1)  # room for names
     _at_least(axes, LEAST_SPAN)
-    axes.set_title(f"{encounter.recording}: {agents[0]} and {agents[1]}")
+    axes.set_title(f"{window.recording}: {window.agents[0]} and {window.agents[1]}")
     figure.legend(fontsize=8, loc="outside lower center", ncols=2)
     return save(figure, path)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import time
 from collections.abc import Sequence
 from dataclasses import asdict, is_dataclass
@@ -31,7 +33,9 @@ from foresight_env.envs.footprints import Footprint, Motion, least_gap
 from foresight_env.scenarios.encounter import is_vehicle
 from foresight_env.scenarios.junction import CAR_LENGTH, CAR_WIDTH, PEDESTRIAN_RADIUS
 
-KEY = ("recording", "frame", "agents", "predictor")
+WINDOW = ("recording", "content", "frame", "agents")
+"""Columns that identify a window; `content` is the recording's digest."""
+KEY = (*WINDOW, "predictor", "settings")
 SECONDS = (1.0, 2.0, 3.0, 4.0)
 """Times at which errors are told."""
 RULE = (
@@ -133,8 +137,16 @@ def _warm_up(predictor: str, kinds: tuple[str, ...], observed: int, steps: int, 
     make_predictor(predictor).predict(history, steps)
 
 
-def run_window(recording: str, frame: int, agents: str, predictor: str, place: Place) -> Row:
-    """One predictor's row for one window."""
+def run_window(
+    recording: str,
+    content: str,
+    frame: int,
+    agents: str,
+    predictor: str,
+    settings: str,
+    place: Place,
+) -> Row:
+    """One predictor's row for one window; the texts identify it in the store."""
     window = cut(_recording(place), agents.split(","), frame)
     history, steps = window.history, len(window.truth)
     _warm_up(predictor, history.kinds, len(history.states), steps, history.dt)
@@ -160,53 +172,59 @@ def study(
     """
     if split not in ("development", "test", "all"):
         raise ValueError(f"split: is {split!r}; expected development, test or all")
-    settings = {name: _settings(name) for name in predictors}
-    windows: list[tuple[PredictionWindow, Place, str]] = []
+    found: list[tuple[PredictionWindow, str, str, Place]] = []
     names = []
     for directory, name in recordings_below(data):
         place = (str(directory), name)
         recording = _recording(place)
-        if split not in ("all", split_of(recording.name)):
-            continue
-        names.append(recording.name)
-        windows += [(w, place, recording.source) for w in interaction_windows(recording)]
-    if not windows:
+        if split in ("all", split_of(recording.name)):
+            names.append(recording.name)
+            content = _digest(recording)
+            found += [(w, recording.source, content, place) for w in interaction_windows(recording)]
+    if not found:
         raise ValueError(
             f"--data: nobody interacts in the recordings of {data} (split {split}: "
             f"{', '.join(names) or 'none'})"
         )
-    repeated = {name for name in names if names.count(name) > 1}
-    if repeated:
-        raise ValueError(f"--data: holds two recordings named {min(repeated)}; give one of them")
     rule = {name: getattr(prediction_window, name) for name in RULE}
-    told = {"recordings": names, "predictors": settings, "rule": rule}
-    store = Store(folder, "prediction", told, KEY, fresh=fresh)
-    trials: list[Trial] = [
-        {
-            "recording": w.recording,
-            "frame": w.frame,
-            "agents": ",".join(w.agents),
-            "predictor": predictor,
-            "place": place,
+    store = Store(folder, "prediction", rule, KEY, fresh=fresh)
+    trials: list[Trial] = []
+    about: dict[tuple[Any, ...], Row] = {}
+    groups = connected([w for w, *_ in found])
+    settings = {name: _settings(name) for name in predictors}
+    for (window, source, content, place), group in zip(found, groups, strict=True):
+        identity = {
+            "recording": window.recording,
+            "content": content,
+            "frame": window.frame,
+            "agents": ",".join(window.agents),
         }
-        for w, place, _ in windows
-        for predictor in predictors
-    ]
-    rows = run_trials(run_window, trials, store, workers=workers, label="windows", chunk=32)
-    groups = connected([w for w, _, _ in windows])
-    about = {
-        (w.recording, w.frame, ",".join(w.agents)): {
+        about[tuple(identity.values())] = {
             "source": source,
-            "split": split_of(w.recording),
-            "kinds": w.history.kinds,
-            "observed": w.seen_steps,
+            "split": split_of(window.recording),
+            "kinds": window.history.kinds,
+            "observed": window.seen_steps,
             "group": group,
         }
-        for (w, _, source), group in zip(windows, groups, strict=True)
-    }
-    return [{**row, **about[tuple(row[k] for k in KEY[:3])]} for row in rows]
+        trials += [
+            {**identity, "predictor": name, "settings": settings[name], "place": place}
+            for name in predictors
+        ]
+    rows = run_trials(run_window, trials, store, workers=workers, label="windows", chunk=32)
+    return [{**row, **about[tuple(row[k] for k in WINDOW)]} for row in rows]
 
 
-def _settings(predictor: str) -> dict[str, Any]:
+def _settings(predictor: str) -> str:
+    """What makes another predictor of the same name."""
     made: Any = make_predictor(predictor)
-    return asdict(made) if is_dataclass(made) else {"name": made.name}
+    named = is_dataclass(made) and not isinstance(made, type)
+    return json.dumps(asdict(made)) if named else ""
+
+
+def _digest(recording: Recording) -> str:
+    """Tells recordings of the same name apart."""
+    found = hashlib.sha256()
+    for track in recording.tracks:
+        found.update(track.agent_id.encode())
+        found.update(np.ascontiguousarray(track.position).tobytes())
+    return found.hexdigest()[:16]

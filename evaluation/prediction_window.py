@@ -51,7 +51,7 @@ DEVELOPMENT = (
 
 
 def split_of(recording: str) -> str:
-    """"development" or "test"."""
+    """ "development" or "test"."""
     return "development" if recording in DEVELOPMENT else "test"
 
 
@@ -139,9 +139,7 @@ def interaction_windows(recording: Recording) -> tuple[PredictionWindow, ...]:
     return tuple(found)
 
 
-def _least_distance(
-    recording: Recording, grid: Grid, crossing: Interaction, frame: int
-) -> float:
+def _least_distance(recording: Recording, grid: Grid, crossing: Interaction, frame: int) -> float:
     """How close a pair comes after a moment, m; infinite where it has no window there."""
     now = frame / recording.rate
     if crossing.times[1] <= now or crossing.times[0] >= now + PREDICTED_SECONDS:

@@ -1,7 +1,7 @@
 """A small recording in the DUT format that the project makes itself, for want of a real one.
 
-People cross each other's way; the recording holds what the encounter game with hidden discount
-factors lets them do, plus measurement noise.
+Two people cross each other's way, and a car theirs; the recording holds what the encounter game
+with hidden discount factors lets them do, plus measurement noise.
 """
 
 from __future__ import annotations
@@ -9,55 +9,72 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float, Int
 
 from foresight_env.datasets import Recording, Track, write_dut
 from foresight_env.equilibrium import solve
-from foresight_env.scenarios.encounter import encounter_game, player_theta
+from foresight_env.scenarios.encounter import encounter_game, is_vehicle, player_theta
 
 RATE = 23.98
 """Frames per second, as in DUT."""
 SECONDS = 9.5
-PAIRS = (
-    # Start positions (m), wanted velocities (m/s) and discount factors of two people.
-    (((-6.0, 0.0), (0.2, -6.3)), ((1.3, 0.0), (0.0, 1.35)), (0.9, 0.5)),
-    (((-6.0, 14.0), (0.0, 20.3)), ((1.25, 0.0), (0.1, -1.3)), (0.5, 0.95)),
+PEOPLE_STATES = ((-6.0, 0.0, 1.3, 0.0), (0.2, -6.3, 0.0, 1.35))
+"""`[px, py, vx, vy]` (m, m/s) of two people, who would keep their velocities."""
+PEOPLE_GAMMAS = (0.9, 0.5)
+DRIVEN_STATES = ((-24.0, 20.0, 5.0, 0.0), (0.0, 14.5, 0.1, 1.3))
+"""`[px, py, v, psi]` (m, m/s, rad) of a car, which would keep its speed, and a person's."""
+DRIVEN_GAMMAS = (0.6, 0.95)
+ENCOUNTERS = (
+    (("pedestrian", "pedestrian"), PEOPLE_STATES, PEOPLE_GAMMAS),
+    (("car", "pedestrian"), DRIVEN_STATES, DRIVEN_GAMMAS),
 )
 
 
 def made_recording(seed: int = 0, noise_std: float = 0.01) -> Recording:
-    """Two encounters of two people each, filtered tracks at the DUT rate."""
+    """Two encounters of two agents each, filtered tracks at the DUT rate."""
     random = np.random.default_rng(seed)
     every = 5
     dt = every / RATE
     steps = int(SECONDS / dt)
-    tracks = []
-    for number, (starts, velocities, gamma) in enumerate(PAIRS):
-        game = encounter_game(("pedestrian", "pedestrian"), steps, dt)
-        first = [np.array([*p, *v]) for p, v in zip(starts, velocities, strict=True)]
-        theta = [player_theta(np.array(v)) for v in velocities]
+    tracks: list[Track] = []
+    names = iter(true_gammas())
+    for kinds, starts, gamma in ENCOUNTERS:
+        game = encounter_game(kinds, steps, dt)
+        first = [np.array(state) for state in starts]
+        theta = [
+            player_theta(kind, (state[2], 0.0) if is_vehicle(kind) else state[2:])
+            for kind, state in zip(kinds, first, strict=True)
+        ]
         solution = solve(game, first, theta, np.array(gamma), throw=True)
-        for i, states in enumerate(solution.states):
+        for kind, states in zip(kinds, solution.states, strict=True):
             coarse = np.arange(len(states)) * every
             frames = np.arange(coarse[-1] + 1)
             fine = np.stack([np.interp(frames, coarse, s) for s in states.T], axis=1)
             fine += noise_std * random.standard_normal(fine.shape)
-            tracks.append(
-                Track(
-                    f"ped:{2 * number + i}",
-                    "pedestrian",
-                    frames,
-                    fine[:, :2],
-                    fine[:, 2:],
-                    np.full(len(frames), np.nan),
-                )
-            )
+            tracks.append(_track(next(names), kind, frames, fine))
     return Recording("made_by_foresight_env", "dut", RATE, tuple(tracks))
 
 
-def true_gammas() -> str:
-    """The recording's discount factors, agent by agent, for a reader."""
-    values = [gamma for _, _, pair in PAIRS for gamma in pair]
-    return ", ".join(f"ped:{number} {value:g}" for number, value in enumerate(values))
+def _track(
+    name: str, kind: str, frames: Int[np.ndarray, "F"], states: Float[np.ndarray, "F 4"]
+) -> Track:
+    if not is_vehicle(kind):
+        unknown = np.full(len(frames), np.nan)
+        return Track(name, kind, frames, states[:, :2], states[:, 2:], unknown)
+    heading = states[:, 3]
+    velocity = states[:, 2:3] * np.stack([np.cos(heading), np.sin(heading)], axis=1)
+    return Track(name, kind, frames, states[:, :2], velocity, np.mod(heading, 2.0 * np.pi))
+
+
+def true_gammas() -> dict[str, float]:
+    """The recording's discount factors by agent, in the order of the encounters."""
+    found: dict[str, float] = {}
+    for kinds, _, gammas in ENCOUNTERS:
+        for kind, gamma in zip(kinds, gammas, strict=True):
+            label = "veh" if is_vehicle(kind) else "ped"
+            number = sum(name.startswith(label) for name in found)
+            found[f"{label}:{number}"] = gamma
+    return found
 
 
 def write_sample(folder: Path) -> Path:

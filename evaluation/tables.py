@@ -13,7 +13,7 @@ from rich.table import Table
 from evaluation.closed_loop import MAX_STEPS, Summary, paired_difference
 from evaluation.estimation import LEAST_STD, METHODS, bound
 from evaluation.figures import LABELS
-from evaluation.recorded import Encounter, Forecast
+from evaluation.recorded import Encounter, Judged
 from evaluation.statistics import Interval, mean_interval
 from evaluation.store import Row
 from foresight_env.envs.style import INTERVAL_DEVIATIONS
@@ -119,10 +119,10 @@ def print_estimation(console: Console, rows: Sequence[Row]) -> None:
 
 
 def print_encounters(
-    console: Console, results: Sequence[tuple[Encounter, Sequence[Forecast]]]
+    console: Console, results: Sequence[tuple[Encounter, Sequence[Judged]]]
 ) -> None:
     """Errors per encounter and method, and the means."""
-    recordings = list(dict.fromkeys(encounter.recording for encounter, _ in results))
+    recordings = list(dict.fromkeys(encounter.window.recording for encounter, _ in results))
     several = len(recordings) > 1
     subject = "Recorded encounters" if several else recordings[0]
     table = Table(title=escape(f"{subject}: prediction errors, ADE / FDE [m]; gammas ±90 %"))
@@ -130,19 +130,20 @@ def print_encounters(
         table.add_column("recording")
     table.add_column("agents")
     table.add_column("steps", justify="right")
-    names = [f.method for f in results[0][1]]
+    names = [f.predictor for f in results[0][1]]
     for name in names:
         table.add_column(LABELS.get(name, name), justify="right")
     table.add_column("gammas", justify="right")
     for encounter, forecasts in results:
         cells = [
-            f"{f.average_error:.2f} / {f.final_error:.2f}" + ("" if f.solved else " (fallback)")
+            f"{f.average_error:.2f} / {f.final_error:.2f}"
+            + (" (fallback)" if f.forecast.fallback else "")
             for f in forecasts
         ]
         table.add_row(
-            *([escape(encounter.recording)] if several else []),
-            escape("\n".join(encounter.interaction.agents)),
-            "\n".join(str(steps) for steps in encounter.present.sum(axis=0)),
+            *([escape(encounter.window.recording)] if several else []),
+            escape("\n".join(encounter.window.agents)),
+            "\n".join(str(steps) for steps in encounter.window.present.sum(axis=0)),
             *cells,
             _gammas(forecasts),
             end_section=True,
@@ -170,10 +171,11 @@ def told_gamma(mean: float, deviation: float, determined: bool = True) -> str:
     return f"{mean:.2f} ±{INTERVAL_DEVIATIONS * deviation:.2f}"
 
 
-def _gammas(forecasts: Sequence[Forecast]) -> str:
-    for found in forecasts:
+def _gammas(forecasts: Sequence[Judged]) -> str:
+    for judged in forecasts:
+        found = judged.forecast
         parts: Any = found.gamma, found.gamma_deviation, found.gamma_determined
-        if found.method == "foresight" and found.gamma is not None:
+        if judged.predictor == "foresight" and found.gamma is not None:
             values = zip(*(part.tolist() for part in parts), strict=True)
             return "\n".join(told_gamma(*each) for each in values)
     return "-"

@@ -89,9 +89,7 @@ def prior_terms(
     return combined, root
 
 
-def _per_player(
-    name: str, value: float | tuple[float, ...], count: int
-) -> Float[np.ndarray, "N"]:
+def _per_player(name: str, value: float | tuple[float, ...], count: int) -> Float[np.ndarray, "N"]:
     """One number per player; both settings are at least 0."""
     each = np.asarray(value, dtype=float)
     if each.shape not in ((), (count,)) or not (np.isfinite(each) & (each >= 0.0)).all():
