@@ -33,7 +33,7 @@ class Study(StrEnum):
     INTERSECTION = "intersection"
     STRESS = "stress"
     ENVIRONMENT = "environment"
-    RECORDINGS = "recordings"
+    PREDICTION = "prediction"
     WINDOWS = "windows"
 
 

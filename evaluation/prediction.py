@@ -172,6 +172,7 @@ def study(
     """
     if split not in ("development", "test", "all"):
         raise ValueError(f"split: is {split!r}; expected development, test or all")
+    settings = {name: _settings(name) for name in predictors}
     found: list[tuple[PredictionWindow, str, str, Place]] = []
     names = []
     for directory, name in recordings_below(data):
@@ -191,7 +192,6 @@ def study(
     trials: list[Trial] = []
     about: dict[tuple[Any, ...], Row] = {}
     groups = connected([w for w, *_ in found])
-    settings = {name: _settings(name) for name in predictors}
     for (window, source, content, place), group in zip(found, groups, strict=True):
         identity = {
             "recording": window.recording,

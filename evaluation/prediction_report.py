@@ -58,6 +58,11 @@ def _column(rows: Sequence[Row], name: str) -> Float[np.ndarray, "n"]:
     return np.array([r[name] for r in rows], dtype=float)
 
 
+def _digits(value: float) -> str:
+    """Two significant digits, without exponents."""
+    return f"{value:.0f}" if value >= 10.0 else f"{value:.2g}"
+
+
 def _mean(values: Float[np.ndarray, "n"]) -> float:
     return float(np.nanmean(values)) if np.isfinite(values).any() else float("nan")
 
@@ -79,12 +84,12 @@ def summary(rows: Sequence[Row]) -> list[Line]:
                     "windows": len(mine),
                     "ADE [m]": f"{_mean(_column(mine, 'average_error')):.3f}",
                     "missed": f"{_column(mine, 'missed').sum() / agents:.0%}",
-                    "overlaps (recorded)": (
+                    "touch (recorded)": (
                         f"{_column(mine, 'overlaps').sum():.0f} "
                         f"({_column(mine, 'overlaps_recorded').sum():.0f})"
                     ),
                     "fell back": int(_column(mine, "fallback").sum()),
-                    "ms, p50/p99": "/".join(f"{q:.2g}" for q in np.percentile(times, [50, 99])),
+                    "ms, p50 / p99": " / ".join(_digits(q) for q in np.percentile(times, [50, 99])),
                 }
             )
     return lines
@@ -195,8 +200,8 @@ def print_prediction(console: Console, rows: Sequence[Row]) -> None:
                 table.add_row(*(escape(str(value)) for value in line.values()))
             console.print(table)
     console.print(
-        "missed: agents predicted more than 2 m off at the last step they are there. overlaps: "
-        "pairs predicted to touch (recorded: that did). Brackets: 95 % intervals, whole groups of "
+        "missed: agents predicted more than 2 m off at the last step they are there. touch: pairs "
+        "predicted to touch (recorded: that did). Brackets: 95 % intervals, whole groups of "
         "windows that share agents resampled."
     )
     broken = [r for r in rows if r["error"]]

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from evaluation.metrics import displacement, trajectory_error
+from evaluation.metrics import displacement, displacement_until, missed, trajectory_error
 from evaluation.statistics import mean_interval
 
 FINITE = st.floats(-1e3, 1e3)
@@ -27,6 +27,34 @@ def test_displacement_by_hand():
     average, final = displacement(predicted, truth, present)
     assert average == pytest.approx((5.0 + 2.0 + 1.0) / 3.0)
     assert final == pytest.approx((1.0 + 2.0) / 2.0)
+
+
+def test_displacement_until_by_hand():
+    """Off by 1, 2, 3 m after 0.4, 0.8, 1.2 s."""
+    truth = np.zeros((3, 1, 2))
+    predicted = np.array([[[1.0, 0.0]], [[2.0, 0.0]], [[3.0, 0.0]]])
+    present = np.ones((3, 1), bool)
+    assert displacement_until(predicted, truth, present, 0.4, 0.8) == pytest.approx((1.5, 2.0))
+    assert displacement_until(predicted, truth, present, 0.4, 1.0) == pytest.approx((1.5, 2.5))
+    assert displacement_until(predicted, truth, present, 0.4, 1.2) == pytest.approx((2.0, 3.0))
+    average, final = displacement_until(predicted, truth, present, 0.4, 1.4)
+    assert average == pytest.approx(2.0)
+    assert np.isnan(final)
+    present[1:] = False  # it leaves: nothing to compare with between the steps
+    average, final = displacement_until(predicted, truth, present, 0.4, 1.0)
+    assert average == pytest.approx(1.0)
+    assert np.isnan(final)
+    assert np.isnan(displacement_until(predicted, truth, present, 0.4, 0.2)).all()
+
+
+def test_missed_by_hand():
+    truth = np.zeros((2, 4, 2))
+    predicted = np.zeros((2, 4, 2))
+    predicted[:, 1:, 0] = 2.1
+    predicted[1, 0, 0] = 1.9
+    present = np.array([[True, True, True, False], [True, True, False, False]])
+    truth[~present] = np.nan
+    assert missed(predicted, truth, present).tolist() == [False, True, True, False]
 
 
 def test_nobody_present():

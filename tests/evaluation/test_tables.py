@@ -9,9 +9,11 @@ import pytest
 from made_rows import episode_rows, estimation_rows
 from rich.console import Console
 
+from agents.predictor import Forecast, History
 from evaluation import figures, tables
 from evaluation.closed_loop import summarise
-from evaluation.recorded import METHODS, Encounter, Forecast
+from evaluation.prediction_window import PredictionWindow
+from evaluation.recorded import PREDICTORS, Encounter, Judged
 from foresight_env.datasets import Interaction
 
 
@@ -44,16 +46,26 @@ def encounter(name="intersection_03"):
         20,
         10,
     )
-    return Encounter(name, crossing, 0.4, np.zeros((9, 2, 4)), truth, present, 2.0)
+    history = History(
+        np.zeros((9, 2, 4)),
+        np.zeros((9, 2)),
+        crossing.kinds,
+        np.full((2, 2), np.nan),
+        0.4,
+    )
+    places = np.where(present[..., None], truth[..., :2], np.nan)
+    window = PredictionWindow(name, agents, 40, history, places)
+    return Encounter(crossing, window, 2.0)
 
 
 def forecasts(gamma, deviation, determined):
-    path = np.full((10, 2, 2), 0.25)
-    agents = encounter().interaction.agents
-    plain = Forecast("", agents, path, 0.25, 0.5, None, None, None, True)
+    path = np.full((1, 10, 2, 2), 0.25)
+    plain = Forecast(path, np.ones(1))
     known = [np.array(values) for values in (gamma, deviation, determined)]
-    inferred = Forecast("foresight", agents, path, 0.25, 0.5, *known, True)
-    return [inferred, *(replace(plain, method=name) for name in METHODS[1:])]
+    inferred = Forecast(path, np.ones(1), None, *known)
+    return [
+        Judged(name, inferred if name == "foresight" else plain, 0.25, 0.5) for name in PREDICTORS
+    ]
 
 
 def told(*results):
@@ -114,7 +126,9 @@ def test_a_picture_of_an_encounter_shows_enough(tmp_path, monkeypatch, span):
     monkeypatch.setattr(figures, "save", save)
     seen = np.zeros((9, 2, 4))
     seen[:, 1, 1] = np.linspace(0.0, span, 9)
-    narrow = replace(encounter(), observed=seen)
+    window = encounter().window
+    history = replace(window.history, states=seen)
+    narrow = replace(encounter(), window=replace(window, history=history))
     found = forecasts([0.8, 0.4], [0.1, 0.2], [True, True])
     figures.recorded_encounter(narrow, found, tmp_path / "picture.png")
     (axes,) = saved[0].axes

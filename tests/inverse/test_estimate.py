@@ -120,6 +120,12 @@ def test_the_prior_pulls_towards_its_center():
     np.testing.assert_allclose(strong, 0.5, atol=1e-3)
 
 
+def test_a_prior_per_player_pulls_each_its_own_way():
+    found = fit(played(), prior=Prior((1e8, 0.0), (0.3, 0.9))).gamma
+    assert found[0] == pytest.approx(0.3, abs=1e-3)
+    assert found[1] != pytest.approx(0.9, abs=1e-3)
+
+
 def test_a_prior_on_parameters_holds_the_callers_values():
     elsewhere = crossing_theta(CROSSING_GOALS + 0.1)
     firm, loose = (
@@ -289,6 +295,8 @@ SKEW[0, 0] = -1.0
         ({"free": (Free(),)}, "free: has 1 entries"),
         ({"free": Free(("speed",))}, r"free\[0\].theta: names 'speed'"),
         ({"free": Free((), gamma=False)}, "free: nothing is free"),
+        ({"prior": Prior(gamma_weight=(1.0,) * 3)}, "prior.gamma_weight: is .*one per player"),
+        ({"prior": Prior(gamma_center=-1.0)}, "prior.gamma_center: is -1.0"),
         ({"prior": Prior(mean=np.ones(1))}, "prior: mean and information belong together"),
         ({"prior": Prior(mean=np.ones(1), information=np.eye(1))}, "prior: mean"),
         (

@@ -4,7 +4,16 @@ import numpy as np
 import pytest
 from small_games import Linear
 
-from foresight_env.games import Effort, Game, Goal, KinematicBicycle, ObservationModel, Player
+from foresight_env.games import (
+    Effort,
+    Game,
+    Goal,
+    KinematicBicycle,
+    ObservationModel,
+    Player,
+    full_state,
+)
+from foresight_env.games.arc import arc
 from foresight_env.inverse import NeverSeenError, guess_initial_states
 
 WALKER = Linear.of(np.eye(2), 0.2 * np.eye(2))
@@ -37,6 +46,18 @@ def test_an_agent_seen_late_is_moved_back():
     seen[:2, :2] = np.nan
     car, _ = guess_initial_states(GAME, MODEL, seen)
     np.testing.assert_allclose(car, [1.0, 2.0, 1.0, np.arctan2(0.8, 0.6)])
+
+
+def test_a_turning_vehicle_seen_late_is_moved_back_along_its_circle():
+    turn, speed = 0.5, 3.0
+    times = 0.2 * np.arange(6)
+    places = arc(np.array([speed, 0.0]), turn, times)
+    car = np.column_stack([places, np.full(6, speed), turn * times])
+    seen = np.column_stack([car, np.full((6, 2), 3.0)])
+    seen[:3, :4] = np.nan
+    model = full_state(GAME.state_sizes)
+    found, _ = guess_initial_states(GAME, model, seen)
+    np.testing.assert_allclose(found, [0.0, 0.0, speed, 0.0], atol=1e-9)
 
 
 def test_an_agent_that_nobody_saw():

@@ -1,0 +1,43 @@
+"""Predictions on recordings: every registered predictor, development and test clips apart."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from agents import PREDICTORS
+from benchmarks.report import Result, Row, Setting
+from evaluation.prediction import study
+from evaluation.prediction_report import by_class, differences, over_time, summary
+
+TITLE = "Predictions on recordings"
+QUICK = ("constant-velocity", "constant-turn-rate")
+"""Predictors with `--quick`."""
+TABLES: tuple[tuple[str, Callable[[Sequence[dict[str, Any]]], list[Row]], str], ...] = (
+    (
+        TITLE,
+        summary,
+        "Every window of `evaluation.prediction_window`'s rule: agents whose paths cross, who come "
+        "within 5 m, up to 3 s given and 4 s predicted. Means over windows. Missed: agents "
+        "predicted more than 2 m off at the last step they are there. Touch: pairs predicted to "
+        "touch (recorded: that did). Settings were chosen on the development recordings.",
+    ),
+    (f"{TITLE}: errors over time", over_time, "Means over windows."),
+    (
+        f"{TITLE}: on the same windows",
+        differences,
+        "Mean differences, 95 % bootstrap intervals over groups of windows that share agents.",
+    ),
+    (f"{TITLE}: by class of agent", by_class, "Means over agents and windows."),
+)
+
+
+def run(setting: Setting) -> list[Result]:
+    """The study; without data it says that it was skipped."""
+    if setting.data is None:
+        note = "Skipped: recorded data are not shipped; give their folder with `--data DIR`."
+        return [Result(TITLE, note, []).show(setting.console)]
+    with tempfile.TemporaryDirectory() as folder:
+        rows = study(folder, setting.data, QUICK if setting.quick else tuple(PREDICTORS))
+    return [Result(title, note, make(rows)).show(setting.console) for title, make, note in TABLES]

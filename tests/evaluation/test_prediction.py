@@ -1,0 +1,196 @@
+"""Predictions on recordings: which windows count, what is measured, what is kept."""
+
+import io
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from made_crossings import FRAMES, RATE, recording, two_people, walk
+from rich.console import Console
+
+from agents.predictor import History, single
+from evaluation import prediction, prediction_report
+from evaluation.prediction import judged, overlaps, study
+from evaluation.prediction_window import (
+    DEVELOPMENT,
+    LEAST_OBSERVED,
+    LEAST_PREDICTED,
+    NEAR,
+    PREDICTED_SECONDS,
+    Grid,
+    connected,
+    cut,
+    interaction_windows,
+    split_of,
+)
+from foresight_env.datasets import write_ucy
+
+
+def test_windows_follow_the_rule():
+    windows = interaction_windows(two_people())
+    assert windows
+    crossing = 8.0, 8.8
+    for window in windows:
+        now = window.frame / RATE
+        assert window.agents == ("1", "2")
+        # The first to cross does so within the window, the second after the moment.
+        assert crossing[0] < now + PREDICTED_SECONDS
+        assert crossing[1] > now
+        apart = np.linalg.norm(window.truth[:, 0] - window.truth[:, 1], axis=1)
+        assert np.nanmin(apart) < NEAR
+        assert window.seen_steps >= LEAST_OBSERVED
+        assert window.present[:LEAST_PREDICTED].all()
+    # And no moment is left out: from the first that sees 8.0 s up to the last before 8.8 s.
+    assert [w.frame for w in windows] == list(range(110, 220, 10))
+
+
+def test_a_window_is_what_was_recorded():
+    made = two_people()
+    grid = Grid.of(made)
+    window = cut(made, ("2", "1"), 120)
+    assert (grid.dt, grid.observed, grid.predicted) == (0.4, 9, 10)
+    assert window.history.states.shape == (9, 2, 4)
+    assert window.truth.shape == (10, 2, 2)
+    track = made.track("2")
+    np.testing.assert_array_equal(window.history.states[-1, 0, :2], track.position[12])
+    np.testing.assert_array_equal(window.truth[0, 0], track.position[13])
+    late = cut(made, ("2", "1"), 50)
+    assert np.isnan(late.history.states[:3]).all()
+    assert late.seen_steps == 6
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        walk("2", (0.0, -18.0), (0.0, 1.25), FRAMES),  # crosses 6 s later, never within 5 m
+        walk("2", (-10.0, 0.5), (1.25, 0.0), FRAMES),  # goes beside the other
+        walk("2", (0.0, -11.0), (0.0, 1.25), range(170, 400, 10)),  # is there too late to be seen
+        walk("2", (0.0, -11.0), (0.0, 1.25), range(0, 130, 10)),  # has left by then
+    ],
+)
+def test_who_does_not_interact(other):
+    alone = walk("1", (-10.0, 0.0), (1.25, 0.0), FRAMES)
+    near = [w for w in interaction_windows(recording(alone, other)) if w.frame < 200]
+    assert not near
+
+
+def test_groups_stay_small():
+    """Five people meet at the origin at once; they are taken apart, nobody is in two groups."""
+    angles = 2.0 * np.pi * np.arange(5) / 5
+    made = recording(
+        *(
+            walk(str(k), (-10 * np.cos(a), -10 * np.sin(a)), (np.cos(a), np.sin(a)), FRAMES)
+            for k, a in enumerate(angles)
+        )
+    )
+    windows = interaction_windows(made)
+    assert windows
+    for frame in {w.frame for w in windows}:
+        members = [agent for w in windows if w.frame == frame for agent in w.agents]
+        assert len(members) == len(set(members))
+    assert max(len(w.agents) for w in windows) == 4
+    assert len(set(connected(windows))) == 1
+
+
+def test_splits_share_no_recording():
+    assert split_of(DEVELOPMENT[0]) == "development"
+    assert split_of("intersection_15") == split_of("zara02") == "test"
+
+
+def still(places, kinds, velocity=(0.0, 0.0)):
+    states = np.zeros((2, len(kinds), 4))
+    states[..., :2] = places
+    states[..., 2:] = velocity
+    return History(
+        states, np.full((2, len(kinds)), np.nan), kinds, np.full((len(kinds), 2), np.nan), 0.4
+    )
+
+
+def test_overlaps_along_the_step():
+    """Two people who change places in one step pass through each other."""
+    history = still([[-1.0, 0.0], [1.0, 0.0]], ("pedestrian",) * 2)
+    swapped = np.array([[[1.0, 0.0], [-1.0, 0.0]]])
+    assert overlaps(history, swapped) == 1
+    assert overlaps(history, history.states[-1:, :, :2]) == 0
+    assert overlaps(history, np.full((1, 2, 2), np.nan)) == 0
+
+
+def test_vehicles_are_boxes():
+    """A person 1.5 m from a car's middle is clear beside it, not in front of it."""
+    history = still([[0.0, 0.0], [0.0, 1.5]], ("car", "pedestrian"), (1.0, 0.0))
+    assert overlaps(history, history.states[-1:, :, :2]) == 0
+    history = still([[0.0, 0.0], [1.5, 0.0]], ("car", "pedestrian"), (1.0, 0.0))
+    assert overlaps(history, history.states[-1:, :, :2]) == 1
+    # Its stated size counts where there is one.
+    small = replace(history, extents=np.array([[1.0, 1.0], [np.nan, np.nan]]))
+    assert overlaps(small, small.states[-1:, :, :2]) == 0
+
+
+def test_a_perfect_forecast_and_a_shifted_one():
+    window = cut(two_people(), ("1", "2"), 120)
+    perfect = judged(window, single(window.truth))
+    assert perfect["average_error"] == perfect["fde_4"] == perfect["missed"] == 0
+    assert perfect["overlaps"] == perfect["overlaps_recorded"]
+    off = judged(window, single(window.truth + np.array([3.0, 0.0])))
+    for name in ("average_error", "ade_1", "ade_4", "fde_2", "fde_4"):
+        assert off[name] == pytest.approx(3.0)
+    assert off["agent_errors"] == pytest.approx([3.0, 3.0])
+    assert off["missed"] == 2
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("data")
+    write_ucy(two_people(), folder / "crossing_obsmat.txt")
+    return folder
+
+
+SIMPLE = ("constant-velocity", "constant-turn-rate")
+
+
+def test_every_window_has_a_row_for_everybody(tmp_path, data, monkeypatch):
+    rows = study(tmp_path, data, SIMPLE, workers=0)
+    windows = interaction_windows(two_people())
+    assert len(rows) == len(SIMPLE) * len(windows)
+    assert {r["predictor"] for r in rows} == set(SIMPLE)
+    assert all(r["error"] == "" and r["split"] == "test" for r in rows)
+    # They walk evenly, so straight on is right.
+    assert max(r["average_error"] for r in rows) < 1e-6
+
+    def broken(*arguments, **more):
+        raise AssertionError("a window that has a row was run again")
+
+    # Another predictor is added; what there is stays.
+    monkeypatch.setattr(prediction, "run_window", broken)
+    assert study(tmp_path, data, SIMPLE, workers=0) == rows
+    monkeypatch.undo()
+    assert len(study(tmp_path, data, SIMPLE[:1], workers=0)) == len(windows)
+
+
+def test_bad_requests(tmp_path, data):
+    with pytest.raises(ValueError, match="split: is 'some'; expected development, test or all"):
+        study(tmp_path / "a", data, SIMPLE, split="some")
+    with pytest.raises(ValueError, match=r"nobody interacts in .* \(split development: none\)"):
+        study(tmp_path / "b", data, SIMPLE, split="development")
+    with pytest.raises(ValueError, match="predictor: 'magic' is unknown"):
+        study(tmp_path / "c", data, ("magic",))
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_report_tells_what_broke_and_compares_the_rest(tmp_path, data):
+    rows = study(tmp_path / "study", data, SIMPLE, workers=0)
+    rows = [{**r, "average_error": 1.0 + (r["predictor"] == SIMPLE[1])} for r in rows]
+    rows[0] = {**rows[0], "error": "ValueError: no luck"}
+    console = Console(file=io.StringIO(), width=100)
+    prediction_report.print_prediction(console, rows)
+    text = console.file.getvalue()
+    assert "1 predictions broke" in text
+    (turn, velocity) = prediction_report.summary(rows)
+    # The window that broke for one is left out for both.
+    assert turn["windows"] == velocity["windows"] == len(rows) // 2 - 1
+    assert (turn["ADE [m]"], velocity["ADE [m]"]) == ("2.000", "1.000")
+    (line,) = prediction_report.differences(rows)
+    assert line["ADE [m]"] == "+1.000 (too few groups)"
+    assert line["won"] == "0%"
+    picture = prediction_report.error_over_time(rows, tmp_path / "picture.png")
+    assert picture.stat().st_size > 10_000
