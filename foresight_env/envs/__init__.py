@@ -2,7 +2,8 @@
 
 `foresight_env.envs.crosswalk_v0.parallel_env()` makes the multi-agent crosswalk,
 `gymnasium.make("foresight/Crosswalk-v0")` the single-agent one; `intersection_v0` and
-`foresight/Intersection-v0` are the intersection. Without this import, Gymnasium finds an id as
+`foresight/Intersection-v0` are the intersection, `driving_v0` and `foresight/Driving-v0` cars on
+highway-env's roads. Without this import, Gymnasium finds an id as
 `gymnasium.make("foresight_env.envs:foresight/Crosswalk-v0")`.
 """
 
@@ -13,7 +14,7 @@ from types import ModuleType
 
 from foresight_env.envs.registration import SCENARIOS, register
 
-__all__ = ["crosswalk_v0", "intersection_v0", "register"]
+__all__ = ["crosswalk_v0", "driving_v0", "intersection_v0", "register"]
 
 
 def __getattr__(name: str) -> ModuleType:

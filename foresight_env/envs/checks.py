@@ -14,6 +14,7 @@ from jaxtyping import Float, Float32
 from foresight_env.envs.oracle import BEHAVIOURS, BehaviourFactory
 from foresight_env.envs.world import World
 from foresight_env.games import Game
+from foresight_env.highway.ranges import DrivingRanges
 from foresight_env.scenarios.crosswalk import Proximity, Ranges
 from foresight_env.scenarios.junction import JunctionRanges
 from foresight_env.scenarios.situation import Situation
@@ -121,6 +122,20 @@ def check_junction_ranges(ranges: Any) -> JunctionRanges:
     return ranges
 
 
+LARGEST_DRIVING_SHIFTS = {"along": 2.0, "speed": 2.0}
+"""Of cars, m and m/s: nobody begins inside another, or has no path behind it."""
+
+
+def check_driving_ranges(ranges: Any) -> DrivingRanges:
+    """Ranges whose every draw is a legal episode."""
+    if not isinstance(ranges, DrivingRanges):
+        raise ValueError(
+            f"ranges: is {ranges!r}; expected foresight_env.highway.ranges.DrivingRanges"
+        )
+    _check_ranges(ranges, ("gamma",), LARGEST_DRIVING_SHIFTS)
+    return ranges
+
+
 def _check_ranges(ranges: Any, pairs: Sequence[str], shifts: Mapping[str, float]) -> None:
     for name in pairs:
         pair = getattr(ranges, name)
@@ -222,11 +237,11 @@ def check_situation(value: Any, world: World) -> Situation:
         if not isinstance(theta, Mapping) or set(theta) != set(parameters):
             raise ValueError(f"{name}: expected a mapping with exactly {sorted(parameters)}")
         own: dict[str, Any] = {}
-        for k in parameters:
-            if k == "goal":
-                own[k] = _numbers(f"{name}['goal']", theta[k], (2,))
-                continue
-            own[k] = float(_numbers(f"{name}[{k!r}]", theta[k], ()))
+        for k, shape in parameters.items():
+            own[k] = _numbers(f"{name}[{k!r}]", theta[k], shape)
+            if shape:
+                continue  # places: they may be anywhere
+            own[k] = float(own[k])
             if own[k] <= 0.0:
                 raise ValueError(f"{name}[{k!r}]: is {own[k]}; expected more than 0")
         thetas.append(own)

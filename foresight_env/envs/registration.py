@@ -7,7 +7,7 @@ from gymnasium.envs.registration import registry
 from pettingzoo.env_registry.registration import aec_registry, parallel_registry
 from pettingzoo.env_registry.registration import register as register_pettingzoo
 
-SCENARIOS = ("crosswalk", "intersection")
+SCENARIOS = ("crosswalk", "intersection", "driving")
 """Each has a class `<Name>Env` in `single` and a module `<name>_v0`."""
 
 

@@ -14,6 +14,7 @@ from jaxtyping import Float, Float32
 
 from foresight_env.envs.checks import no_type_check
 from foresight_env.envs.crosswalk import CrosswalkParallelEnv
+from foresight_env.envs.driving import DrivingParallelEnv
 from foresight_env.envs.intersection import PEDESTRIANS, IntersectionParallelEnv
 from foresight_env.envs.overlay import Overlay
 from foresight_env.envs.parallel import Info, WorldParallelEnv
@@ -85,6 +86,16 @@ class CrosswalkEnv(SingleAgentEnv):
     @no_type_check
     def __init__(self, **arguments: Any) -> None:
         super().__init__(CrosswalkParallelEnv, 0, arguments)
+
+
+class DrivingEnv(SingleAgentEnv):
+    """Car 0, whose manoeuvre the scene is named after."""
+
+    metadata: ClassVar[dict[str, Any]] = _metadata(DrivingParallelEnv)  # type: ignore[misc]
+
+    @no_type_check
+    def __init__(self, **arguments: Any) -> None:
+        super().__init__(DrivingParallelEnv, 0, arguments)
 
 
 class IntersectionEnv(SingleAgentEnv):

@@ -58,9 +58,10 @@ class World:
         """Whose states end with a heading: whoever is longer than wide."""
         return np.array([footprint.length > 0.0 for footprint in self.footprints])
 
-    def parameters(self) -> tuple[tuple[str, ...], ...]:
-        """Names of every player's cost parameters."""
-        return tuple(tuple(own) for own in self.draw(np.random.default_rng(0)).theta)
+    def parameters(self) -> tuple[dict[str, tuple[int, ...]], ...]:
+        """Names and shapes of every player's cost parameters."""
+        drawn = self.draw(np.random.default_rng(0)).theta
+        return tuple({name: np.shape(value) for name, value in own.items()} for own in drawn)
 
 
 def stacked(theta: tuple[dict[str, Any], ...]) -> dict[str, np.ndarray]:

@@ -22,10 +22,12 @@ from foresight_env.games.dynamics import (
     DoubleIntegrator,
     Dynamics,
     KinematicBicycle,
+    SlipBicycle,
     Vehicle,
 )
 from foresight_env.games.game import Game, Player, inside_bounds
 from foresight_env.games.observations import ObservationModel, full_state, positions
+from foresight_env.games.paths import BodyGap, InLane, PathFollowing
 from foresight_env.games.roads import (
     BesideRoads,
     Circle,
@@ -35,9 +37,11 @@ from foresight_env.games.roads import (
     RoadSide,
 )
 from foresight_env.games.stage import stage_cost
+from foresight_env.games.steering import Steering
 
 __all__ = [
     "BesideRoads",
+    "BodyGap",
     "Bounds",
     "Circle",
     "Composite",
@@ -52,6 +56,7 @@ __all__ = [
     "Game",
     "Goal",
     "Hyperbolic",
+    "InLane",
     "Inequality",
     "KeepAllApart",
     "KeepApart",
@@ -60,11 +65,14 @@ __all__ = [
     "LaneCenter",
     "ObservationModel",
     "OutsideCircles",
+    "PathFollowing",
     "Player",
     "RoadSide",
     "SharedInequality",
     "SigmoidProximity",
+    "SlipBicycle",
     "SquaredDistanceHinge",
+    "Steering",
     "TargetSpeed",
     "Vehicle",
     "full_state",

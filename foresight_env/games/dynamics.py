@@ -122,3 +122,38 @@ class CurvatureVehicle(Vehicle):
             ]
         )
         return state + self.dt * rate
+
+
+@dataclass(frozen=True)
+class SlipBicycle(Vehicle):
+    """The car of highway-env (`vehicle.kinematics.Vehicle`): position in the middle, slip angle.
+
+    Polack, Altche, d'Andrea-Novel, de La Fortelle, "The kinematic bicycle model", IV 2017. Its
+    second control is the steering angle (rad), positive to the left in axes whose y points up. The
+    control is held over `dt`, which forward Euler passes in `substeps` equal steps, as a simulator
+    does whose simulation frequency is that many times its policy frequency.
+    """
+
+    dt: float
+    substeps: int = 1
+    length: float = 5.0
+    """Twice the distance from the middle to each axle, m."""
+
+    def __call__(
+        self, t: StageNumber, state: Float[Array, "4"], control: Float[Array, "2"]
+    ) -> Float[Array, "4"]:
+        acceleration, steering = control
+        slip = jnp.arctan(0.5 * jnp.tan(steering))
+        step = self.dt / self.substeps
+        for _ in range(self.substeps):
+            _, _, speed, heading = state
+            rate = jnp.stack(
+                [
+                    speed * jnp.cos(heading + slip),
+                    speed * jnp.sin(heading + slip),
+                    acceleration,
+                    speed * jnp.sin(slip) / (self.length / 2.0),
+                ]
+            )
+            state = state + step * rate
+        return state

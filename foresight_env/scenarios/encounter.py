@@ -17,6 +17,7 @@ from foresight_env.games.constraints import Bounds
 from foresight_env.games.costs import Effort, TargetSpeed, Weight, distances, weight_value
 from foresight_env.games.dynamics import CurvatureVehicle, DoubleIntegrator
 from foresight_env.games.game import Game, Player
+from foresight_env.games.steering import Steering
 from foresight_env.games.types import Controls, Scalar, StageNumber, States, Theta
 
 CRUISE_WEIGHT = 0.5
@@ -61,22 +62,6 @@ class Cruise:
     def __call__(self, i: int, t: StageNumber, x: States, u: Controls, theta: Theta) -> Scalar:
         error = x[i][2:4] - theta[self.velocity]
         return weight_value(self.weight, theta) * jnp.sum(error**2)
-
-
-@dataclass(frozen=True)
-class Steering:
-    """`w_a * a^2 + w_k * (k - curvature)^2` with the wanted curvature (1/m) in `theta`."""
-
-    weight: Weight
-    turn_weight: Weight
-    curvature: str = "curvature"
-
-    def __call__(self, i: int, t: StageNumber, x: States, u: Controls, theta: Theta) -> Scalar:
-        acceleration, curvature = u[i]
-        return (
-            weight_value(self.weight, theta) * acceleration**2
-            + weight_value(self.turn_weight, theta) * (curvature - theta[self.curvature]) ** 2
-        )
 
 
 @dataclass(frozen=True)
@@ -130,7 +115,7 @@ def encounter_game(kinds: tuple[str, ...], horizon: int, dt: float) -> Game:
         CurvatureVehicle(dt),
         (
             TargetSpeed("speed", "cruise_weight"),
-            Steering("control_weight", "turn_weight"),
+            Steering("control_weight", "turn_weight", "curvature"),
             *crowding,
         ),
         control_bounds=Bounds.box([-bound for bound in steering], steering, 2),

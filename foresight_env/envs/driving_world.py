@@ -1,0 +1,123 @@
+"""A driving scene as an environment sees it."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+from highway_env.road.lane import AbstractLane, LineType
+from jaxtyping import Bool, Float
+
+from foresight_env.envs.footprints import Footprint, Motion, least_gap
+from foresight_env.envs.scenery import ASPHALT, STRIPE, Polygon, Scenery
+from foresight_env.envs.world import World
+from foresight_env.highway.axes import flipped_places
+from foresight_env.highway.ranges import DrivingRanges
+from foresight_env.highway.scenes import DrivingScene, draw_driving
+from foresight_env.scenarios.driving import CAR_LENGTH, CAR_WIDTH, SPEED_LIMIT, driving_game
+
+GOAL_RADIUS = 4.0
+"""Cars drive on, and must only have come by, m."""
+SHOWN_BEYOND = 200.0
+"""How far beyond everybody's path an observation can show, m."""
+SHOWN_HEADING = 4.0 * np.pi
+"""rad; headings are not wrapped."""
+OFF_ROAD = 0.5
+"""A car whose middle is farther outside every lane than this is off the road, m."""
+SAMPLES = 1.0
+"""Between the places of lanes that are looked at, m."""
+LINE_WIDTH = 0.2
+STRIPE_LENGTH, STRIPE_PERIOD = 3.0, 8.0
+"""Of broken lines, m."""
+
+
+def driving_world(
+    scene: DrivingScene, cars: int, ranges: DrivingRanges, dt: float, substeps: int
+) -> World:
+    """The cars of a scene with their boxes."""
+    footprints = (Footprint(CAR_LENGTH, CAR_WIDTH),) * cars
+    paths = scene.paths[:cars, :, :2].reshape(-1, 2)
+    low = np.array([*(paths.min(axis=0) - SHOWN_BEYOND), -1.0, -SHOWN_HEADING])
+    high = np.array([*(paths.max(axis=0) + SHOWN_BEYOND), SPEED_LIMIT + 5.0, SHOWN_HEADING])
+
+    def gaps(
+        before: Float[np.ndarray, "N n"],
+        controls: Float[np.ndarray, "N m"],
+        after: Float[np.ndarray, "N n"],
+    ) -> Float[np.ndarray, "N N"]:
+        moves = [
+            Motion(a[:2], b[:2], float(a[3]), float(b[3] - a[3]))
+            for a, b in zip(before, after, strict=True)
+        ]
+        found = np.full((cars, cars), np.inf)
+        for i in range(cars):
+            for j in range(i):
+                found[i, j] = found[j, i] = least_gap(
+                    footprints[i], footprints[j], moves[i], moves[j]
+                )
+        return found
+
+    return World(
+        names=tuple(f"car_{i}" for i in range(cars)),
+        game=lambda horizon: driving_game(cars, horizon, dt, substeps),
+        draw=lambda random: draw_driving(random, scene, cars, ranges),
+        gaps=gaps,
+        shown_low=np.tile(low, (cars, 1)),
+        shown_high=np.tile(high, (cars, 1)),
+        goal_radius=np.full(cars, GOAL_RADIUS),
+        footprints=footprints,
+        scenery=_scenery(scene),
+        off_road=lambda states: off_road(scene, states),
+    )
+
+
+@lru_cache
+def _lane_places(scene: DrivingScene) -> tuple[np.ndarray, np.ndarray]:
+    """Places (K, 2) along the middle of all lanes, in our axes, and half widths (K,), m."""
+    places, halves = [], []
+    for lane in scene.network.lanes_list():
+        at = np.append(np.arange(0.0, lane.length, SAMPLES), lane.length)
+        places += [lane.position(s, 0.0) for s in at]
+        halves += [0.5 * lane.width_at(s) for s in at]
+    return flipped_places(np.array(places)), np.array(halves)
+
+
+def off_road(scene: DrivingScene, states: Float[np.ndarray, "N n"]) -> Bool[np.ndarray, "N"]:
+    """Whose middle is outside every lane by more than `OFF_ROAD`."""
+    places, halves = _lane_places(scene)
+    away = np.linalg.norm(states[:, None, :2] - places, axis=2) - halves
+    return np.asarray(away.min(axis=1) > OFF_ROAD)
+
+
+@lru_cache
+def _scenery(scene: DrivingScene) -> Scenery:
+    """Lanes as asphalt, and the lines between them."""
+    lanes = scene.network.lanes_list()
+    asphalt = [_band(lane, 0.0, lane.width_at(0.0), 0.0, lane.length, ASPHALT) for lane in lanes]
+    lines: list[Polygon] = []
+    for lane in lanes:
+        half = 0.5 * lane.width_at(0.0)
+        for kind, side in zip(lane.line_types, (-half, half), strict=True):
+            if kind in (LineType.CONTINUOUS, LineType.CONTINUOUS_LINE):
+                lines.append(_band(lane, side, LINE_WIDTH, 0.0, lane.length, STRIPE))
+            elif kind == LineType.STRIPED:
+                lines += [
+                    _band(lane, side, LINE_WIDTH, s, min(s + STRIPE_LENGTH, lane.length), STRIPE)
+                    for s in np.arange(0.0, lane.length, STRIPE_PERIOD)
+                ]
+    return Scenery(scene.name.replace("_", " "), scene.center, scene.half_width, (*asphalt, *lines))
+
+
+def _band(
+    lane: AbstractLane,
+    offset: float,
+    width: float,
+    begin: float,
+    end: float,
+    colour: tuple[int, int, int],
+) -> Polygon:
+    """A strip along a lane, `offset` beside its middle."""
+    at = np.linspace(begin, end, max(int((end - begin) / 2.0), 1) + 1)
+    edges = [[lane.position(s, offset + side) for s in at] for side in (-0.5 * width, 0.5 * width)]
+    corners = flipped_places(np.array([*edges[0], *edges[1][::-1]]))
+    return Polygon(tuple((float(x), float(y)) for x, y in corners), colour)

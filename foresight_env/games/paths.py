@@ -1,0 +1,103 @@
+"""Costs of cars that follow a path in the plane: how far off it they are, how near they come.
+
+A path is an entry of `theta`, not part of the game: one compiled game serves every road. It is an
+array (M, 4) of points `[px, py, heading, curvature]` (m, m, rad, 1/m) at even distances.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from foresight_env.games.costs import Weight, weight_value
+from foresight_env.games.types import Controls, Scalar, StageNumber, States, Theta
+
+SOFTNESS = 1.5
+"""Width of the neighbourhood that a car's offset is averaged over, m: with points every 2 m the
+nearest two or three count, and no derivative jumps where another becomes the nearest."""
+
+
+def path_offset(path: Float[Array, "M 4"], position: Float[Array, "2"]) -> Scalar:
+    """Distance (m) to the left of the path, smooth in the position.
+
+    Each point tells the offset from its osculating parabola, exact to second order in the distance
+    along it; the points near the position are averaged.
+    """
+    away = position - path[:, :2]
+    nearness = jax.nn.softmax(-0.5 * jnp.sum(away**2, axis=1) / SOFTNESS**2)
+    cosine, sine = jnp.cos(path[:, 2]), jnp.sin(path[:, 2])
+    along = cosine * away[:, 0] + sine * away[:, 1]
+    across = cosine * away[:, 1] - sine * away[:, 0]
+    return jnp.sum(nearness * (across - 0.5 * path[:, 3] * along**2))
+
+
+@dataclass(frozen=True)
+class PathFollowing:
+    """`w * offset^2` from the path in `theta`."""
+
+    weight: Weight
+    path: str = "path"
+
+    def inner(
+        self, i: int, t: StageNumber, x: States, u: Controls, theta: Theta
+    ) -> Float[Array, "1"]:
+        return path_offset(jnp.asarray(theta[self.path]), x[i][:2])[None]
+
+    def outer(self, value: Float[Array, "1"], theta: Theta) -> Scalar:
+        return weight_value(self.weight, theta) * jnp.sum(value**2)
+
+    def __call__(self, i: int, t: StageNumber, x: States, u: Controls, theta: Theta) -> Scalar:
+        return self.outer(self.inner(i, t, x, u, theta), theta)
+
+
+@dataclass(frozen=True)
+class InLane:
+    """Constraint `half_width - |offset| >= 0` from the path in `theta`: its two sides (2,), m."""
+
+    half_width: float
+    path: str = "path"
+
+    def __call__(
+        self, i: int, t: StageNumber, x: States, u: Controls, theta: Theta
+    ) -> Float[Array, "2"]:
+        offset = path_offset(jnp.asarray(theta[self.path]), x[i][:2])
+        return self.half_width + jnp.stack([-offset, offset])
+
+
+@dataclass(frozen=True)
+class BodyGap:
+    """`w * sum max(0, distance - d)^2` over pairs of own and others' discs, `d` between centres.
+
+    Every car is covered by two discs, `reach` m before and behind its middle along its heading.
+    """
+
+    distance: Weight
+    weight: Weight
+    reach: float = 1.25
+
+    def inner(
+        self, i: int, t: StageNumber, x: States, u: Controls, theta: Theta
+    ) -> Float[Array, "gaps"]:
+        own = self._discs(x[i])
+        others = [self._discs(state) for j, state in enumerate(x) if j != i]
+        if not others:
+            return jnp.zeros(0)
+        between = own[:, None] - jnp.concatenate(others)[None]
+        squared = jnp.sum(between**2, axis=2).ravel()
+        # The square root has no derivative at 0: discs exactly on top of each other get gradient 0.
+        positive = jnp.where(squared > 0.0, squared, 1.0)
+        apart = jnp.where(squared > 0.0, jnp.sqrt(positive), 0.0)
+        return weight_value(self.distance, theta) - apart
+
+    def outer(self, value: Float[Array, "gaps"], theta: Theta) -> Scalar:
+        return weight_value(self.weight, theta) * jnp.sum(jnp.maximum(value, 0.0) ** 2)
+
+    def __call__(self, i: int, t: StageNumber, x: States, u: Controls, theta: Theta) -> Scalar:
+        return self.outer(self.inner(i, t, x, u, theta), theta)
+
+    def _discs(self, state: Float[Array, "4"]) -> Float[Array, "2 2"]:
+        ahead = self.reach * jnp.stack([jnp.cos(state[3]), jnp.sin(state[3])])
+        return jnp.stack([state[:2] + ahead, state[:2] - ahead])
