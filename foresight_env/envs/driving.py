@@ -20,7 +20,7 @@ factors, journeys and weights of the others. Car 0 has the manoeuvre that the sc
 - `left_turn`: an unprotected left turn at a four-arm crossing, among oncoming cars; 50 steps.
 - `merge`: from the ramp onto highway-env's merging road, at 15 m/s; 80 steps.
 - `lane_change`: from behind a slow car to the lane on the left, on three lanes; 80 steps.
-- `roundabout`: highway-env's roundabout, from south to north; 120 steps.
+- `roundabout`: highway-env's roundabout, from south to north; 150 steps.
 
 **Motion.** highway-env's vehicle (kinematic bicycle with slip angle, 5 x 2 m, position in its
 middle), in axes whose y points up. A step of `1 / policy_frequency` s holds the control and is
@@ -50,7 +50,7 @@ An agent that maximises the return discounted by `gamma_i` plays the game of the
 
 **End of an episode**, common to all agents. Terminated: a controlled agent collided (its 5 x 2 m
 box overlaps another's at some moment of a step, in which everybody moves straight on and turns
-evenly; found to 1 cm), or left the road (its middle is more than 0.5 m outside every lane), or
+evenly; found to 1 cm), or left the road (its middle is more than 1 m outside every lane), or
 every controlled agent has been within 4 m of its goal at the end of a step. Truncated: `max_steps`
 without any of these. Afterwards `agents` is empty and `step` raises `gymnasium.error.ResetNeeded`.
 

@@ -8,7 +8,7 @@ import numpy as np
 from highway_env.road.lane import AbstractLane, LineType
 from jaxtyping import Bool, Float
 
-from foresight_env.envs.footprints import Footprint, Motion, least_gap
+from foresight_env.envs.footprints import Footprint, Motion, least_gaps
 from foresight_env.envs.scenery import ASPHALT, STRIPE, Polygon, Scenery
 from foresight_env.envs.world import World
 from foresight_env.highway.axes import flipped_places
@@ -18,11 +18,12 @@ from foresight_env.scenarios.driving import CAR_LENGTH, CAR_WIDTH, SPEED_LIMIT, 
 
 GOAL_RADIUS = 4.0
 """Cars drive on, and must only have come by, m."""
-SHOWN_BEYOND = 200.0
-"""How far beyond everybody's path an observation can show, m."""
+SHOWN = 600.0
+"""Largest coordinate that an observation can show, m; the same in all scenes, so that they stand
+side by side in a vector environment."""
 SHOWN_HEADING = 4.0 * np.pi
 """rad; headings are not wrapped."""
-OFF_ROAD = 0.5
+OFF_ROAD = 1.0
 """A car whose middle is farther outside every lane than this is off the road, m."""
 SAMPLES = 1.0
 """Between the places of lanes that are looked at, m."""
@@ -36,9 +37,8 @@ def driving_world(
 ) -> World:
     """The cars of a scene with their boxes."""
     footprints = (Footprint(CAR_LENGTH, CAR_WIDTH),) * cars
-    paths = scene.paths[:cars, :, :2].reshape(-1, 2)
-    low = np.array([*(paths.min(axis=0) - SHOWN_BEYOND), -1.0, -SHOWN_HEADING])
-    high = np.array([*(paths.max(axis=0) + SHOWN_BEYOND), SPEED_LIMIT + 5.0, SHOWN_HEADING])
+    low = np.array([-SHOWN, -SHOWN, -1.0, -SHOWN_HEADING])
+    high = np.array([SHOWN, SHOWN, SPEED_LIMIT + 5.0, SHOWN_HEADING])
 
     def gaps(
         before: Float[np.ndarray, "N n"],
@@ -49,13 +49,7 @@ def driving_world(
             Motion(a[:2], b[:2], float(a[3]), float(b[3] - a[3]))
             for a, b in zip(before, after, strict=True)
         ]
-        found = np.full((cars, cars), np.inf)
-        for i in range(cars):
-            for j in range(i):
-                found[i, j] = found[j, i] = least_gap(
-                    footprints[i], footprints[j], moves[i], moves[j]
-                )
-        return found
+        return least_gaps(footprints, moves)
 
     return World(
         names=tuple(f"car_{i}" for i in range(cars)),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import NamedTuple
@@ -107,3 +108,31 @@ def least_gap(first: Footprint, second: Footprint, motion: Motion, other: Motion
         middles = moments[unsure] + 0.5 * spans[unsure]
         moments = np.insert(moments, unsure + 1, middles)
         gaps = np.insert(gaps, unsure + 1, at(middles))
+
+
+def least_gaps(
+    footprints: Sequence[Footprint],
+    motions: Sequence[Motion],
+    counted: Callable[[int, int], bool] = lambda i, j: True,
+) -> Float[np.ndarray, "N N"]:
+    """Smallest gaps (m) during a step between all pairs that are `counted`; infinite for others.
+
+    A pair that is certainly farther apart than both agents are from somebody else has a lower bound
+    of its gap: what is nearest to each agent is exact.
+    """
+    count = len(motions)
+    found = np.full((count, count), np.inf)
+    start = np.stack([m.start for m in motions])
+    reach = np.array([shape.reach for shape in footprints])
+    moved = np.array([np.hypot(*(m.end - m.start)) for m in motions])
+    bound = (
+        np.linalg.norm(start[:, None] - start, axis=2) - (reach + moved) - (reach + moved)[:, None]
+    )
+    pairs = [(i, j) for i in range(count) for j in range(i) if counted(i, j)]
+    for i, j in sorted(pairs, key=lambda pair: bound[pair]):
+        best = max(found[i].min(), found[j].min())
+        if bound[i, j] > best:
+            found[i, j] = found[j, i] = bound[i, j]
+            continue
+        found[i, j] = found[j, i] = least_gap(footprints[i], footprints[j], motions[i], motions[j])
+    return found

@@ -6,7 +6,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from foresight_env.envs.footprints import Footprint, Motion, least_gap
+from foresight_env.envs.footprints import Footprint, Motion, least_gaps
 from foresight_env.envs.scenery import ASPHALT, PAVEMENT, STRIPE, Disc, Polygon, Scenery
 from foresight_env.envs.world import World
 from foresight_env.games.roads import BesideRoads, Point
@@ -65,14 +65,7 @@ def intersection_world(pedestrians: int, cars: int, ranges: JunctionRanges) -> W
             else Motion(a[:2], b[:2], float(a[3]), float(b[3] - a[3]))
             for walking, a, b in zip(walks, before, after, strict=True)
         ]
-        found = np.full((len(kinds),) * 2, np.inf)
-        for i in range(len(kinds)):
-            for j in range(i):
-                if not (walks[i] and walks[j]):
-                    found[i, j] = found[j, i] = least_gap(
-                        footprints[i], footprints[j], moves[i], moves[j]
-                    )
-        return found
+        return least_gaps(footprints, moves, lambda i, j: not (walks[i] and walks[j]))
 
     return World(
         names=tuple(f"{kind}_{i}" for i, kind in enumerate(kinds)),

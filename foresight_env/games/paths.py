@@ -19,6 +19,9 @@ SOFTNESS = 1.5
 """Width of the neighbourhood that a car's offset is averaged over, m: with points every 2 m the
 nearest two or three count, and no derivative jumps where another becomes the nearest."""
 
+WINDOW = 16
+"""Points around the nearest that count at all."""
+
 
 def path_offset(path: Float[Array, "M 4"], position: Float[Array, "2"]) -> Scalar:
     """Distance (m) to the left of the path, smooth in the position.
@@ -26,6 +29,12 @@ def path_offset(path: Float[Array, "M 4"], position: Float[Array, "2"]) -> Scala
     Each point tells the offset from its osculating parabola, exact to second order in the distance
     along it; the points near the position are averaged.
     """
+    # Beyond the window weights are below 1e-13, so that its moving on is not felt.
+    place = jax.lax.stop_gradient(position)
+    nearest = jnp.argmin(jnp.sum((path[:, :2] - place) ** 2, axis=1))
+    size = min(WINDOW, path.shape[0])
+    begin = jnp.clip(nearest - size // 2, 0, path.shape[0] - size)
+    path = jax.lax.dynamic_slice(path, (begin, 0), (size, 4))
     away = position - path[:, :2]
     nearness = jax.nn.softmax(-0.5 * jnp.sum(away**2, axis=1) / SOFTNESS**2)
     cosine, sine = jnp.cos(path[:, 2]), jnp.sin(path[:, 2])

@@ -109,23 +109,27 @@ _ROUND = (
     ("ne", "wx", 1), ("wx", "we", 1), ("we", "sx", 1), ("sx", "se", 1),
 )  # fmt: skip
 """The outer lane of the roundabout, from the southern entry on."""
+_RING_LENGTHS = np.radians(42.0) * 24.0, np.radians(48.0) * 24.0
+"""Of its lanes, from an entry to the next exit and from there to the next entry, m."""
 
 
 def _around(arm: str, exit: str, start: float) -> tuple[Leg, ...]:
-    """Into the roundabout from one arm, to another's exit; arms and exits are s, e, n, w."""
-    ring = [lane for lane in _ROUND]
+    """Into the roundabout from one arm, to another's exit; arms are s, e, n, w.
+
+    Entering and leaving begin before the lanes meet, so that nobody has to turn sharply.
+    """
+    ring = list(_ROUND)
     first = next(k for k, lane in enumerate(ring) if lane[0] == f"{arm}e")
     ring = ring[first:] + ring[:first]
     last = next(k for k, lane in enumerate(ring) if lane[1] == f"{exit}x")
     on = [Leg(lane) for lane in ring[: last + 1]]
-    on[0] = Leg(on[0].lane, 7.0)
-    length = 11.0
-    on[-1] = Leg(on[-1].lane, on[-1].begin, None if len(on) > 1 else length)
+    on[0] = on[0]._replace(begin=7.0)
+    on[-1] = on[-1]._replace(end=_RING_LENGTHS[last % 2] - 5.0)
     return (
         Leg((f"{arm}er", f"{arm}es", 0), start),
         Leg((f"{arm}es", f"{arm}e", 0), 0.0, 10.0),
         *on,
-        Leg((f"{exit}x", f"{exit}xs", 0), 12.0),
+        Leg((f"{exit}x", f"{exit}xs", 0), 16.0),
         Leg((f"{exit}xs", f"{exit}xr", 0)),
     )
 
@@ -210,7 +214,7 @@ _ROUNDABOUT = DrivingScene(
         Journey(_around("s", "e", 88.0), 14.0, 7.0, 7.0, 90.0),
         Journey(_around("n", "s", 105.0), 14.0, 7.0, 7.0, 110.0),
     ),
-    max_steps=120,
+    max_steps=150,
     center=(0.0, 0.0),
     half_width=60.0,
 )

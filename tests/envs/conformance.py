@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from gymnasium.error import ResetNeeded
 
+from foresight_env.games.paths import path_offset
 from foresight_env.games.roads import BesideRoads
 from foresight_env.scenarios.junction import JUNCTION_REGION, LANES
 
@@ -278,6 +279,25 @@ def intersection_cost(info: dict[str, Any], i: int) -> float:
     cost += theta["lane_weight"][i] * float(lane.offset(places[i])) ** 2
     beside = BesideRoads(JUNCTION_REGION.sides)(0, 1, (jnp.asarray(places[i]),), (), {})
     return cost + 100.0 * float(np.sum(np.maximum(0.0, -np.asarray(beside))))
+
+
+def driving_cost(info: dict[str, Any], i: int) -> float:
+    """The formula of the page of driving."""
+    theta, controls, states = info["theta"], info["controls"], info["state"]
+    offset = float(path_offset(jnp.asarray(theta["path"][i]), jnp.asarray(states[i, :2])))
+    ahead = 1.25 * np.stack([np.cos(states[:, 3]), np.sin(states[:, 3])], axis=1)
+    discs = np.stack([states[:, :2] + ahead, states[:, :2] - ahead], axis=1)
+    others = np.delete(discs, i, 0).reshape(-1, 2)
+    gaps = np.linalg.norm(discs[i][:, None] - others[None], axis=2)
+    return (
+        theta["path_weight"][i] * offset**2
+        + theta["speed_weight"][i] * (states[i, 2] - theta["target_speed"][i]) ** 2
+        + theta["control_weight"][i] * controls[i, 0] ** 2
+        + theta["steering_weight"][i] * controls[i, 1] ** 2
+        + theta["collision_weight"][i]
+        * np.sum(np.maximum(0.0, theta["collision_distance"][i] - gaps) ** 2)
+        + 50.0 * max(0.0, abs(offset) - 1.0)
+    )
 
 
 def reward_is_minus_stage_cost(make: Factory, cost: Callable[[Any, int], float]) -> None:

@@ -12,7 +12,7 @@ import pettingzoo
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from foresight_env.envs import crosswalk_v0, intersection_v0
+from foresight_env.envs import crosswalk_v0, driving_v0, intersection_v0
 
 with warnings.catch_warnings():
     # PettingZoo's tests import its own environments in a way that it has deprecated itself.
@@ -73,8 +73,28 @@ JUNCTION_MAKERS = [
 ] + [pytest.param(single_junction, id="intersection-gymnasium")]
 
 
+DRIVING = {"cars": 2, "planning_horizon": 4, "max_steps": 6}
+
+
+def single_driving(**arguments):
+    """The Gymnasium id of driving, as a parallel environment."""
+    return conformance.as_parallel(
+        gymnasium.make("foresight/Driving-v0", **{**DRIVING, **arguments})
+    )
+
+
+DRIVING_MAKERS = [
+    pytest.param(partial(driving_v0.parallel_env, **{**DRIVING, **arguments}), id=name)
+    for name, arguments in {
+        "left-turn-receding": {},
+        "merge-idm-positions": {"scene": "merge", "behaviour": "idm", "observation": "positions"},
+        "roundabout-six-all": {"scene": "roundabout", "cars": 6, "controlled": "all"},
+    }.items()
+] + [pytest.param(partial(single_driving, scene="lane_change"), id="driving-gymnasium")]
+
+
 @pytest.mark.parametrize("check", conformance.CHECKS, ids=lambda check: check.__name__)
-@pytest.mark.parametrize("make", MAKERS + JUNCTION_MAKERS)
+@pytest.mark.parametrize("make", MAKERS + JUNCTION_MAKERS + DRIVING_MAKERS)
 def test_conformance(make, check):
     check(make)
 
@@ -89,13 +109,18 @@ def test_intersection_rewards(make):
     conformance.reward_is_minus_stage_cost(make, conformance.intersection_cost)
 
 
+@pytest.mark.parametrize("make", DRIVING_MAKERS)
+def test_driving_rewards(make):
+    conformance.reward_is_minus_stage_cost(make, conformance.driving_cost)
+
+
 @pytest.mark.parametrize("spoil", conformance.WRONG)
-@pytest.mark.parametrize("make", MAKERS[::2] + JUNCTION_MAKERS[::2])
+@pytest.mark.parametrize("make", MAKERS[::2] + JUNCTION_MAKERS[::2] + DRIVING_MAKERS[:2])
 def test_wrong_actions_change_nothing(make, spoil):
     conformance.wrong_actions_change_nothing(make, spoil)
 
 
-@pytest.mark.parametrize("make", MAKERS[:7] + JUNCTION_MAKERS[:3])
+@pytest.mark.parametrize("make", MAKERS[:7] + JUNCTION_MAKERS[:3] + DRIVING_MAKERS[:3])
 def test_pettingzoo_accepts(make):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -110,6 +135,7 @@ def test_pettingzoo_accepts_the_cycle_form():
         # A car and a pedestrian see and do different things.
         warnings.filterwarnings("ignore", message="Agents have different .* space")
         api_test(intersection_v0.env(**{**JUNCTION, "controlled": "all"}), num_cycles=30)
+        api_test(driving_v0.env(**{**DRIVING, "controlled": "all"}), num_cycles=30)
     assert crosswalk_v0.raw_env(**SHORT).possible_agents == ["pedestrian_0"]
 
 
@@ -120,6 +146,9 @@ def test_registered_in_pettingzoo():
     env = pettingzoo.make("parallel", "foresight/intersection-v0")
     assert isinstance(env, intersection_v0.parallel_env)
     assert env.possible_agents == ["car_2"]
+    env = pettingzoo.make("parallel", "foresight/driving-v0", scene="merge")
+    assert isinstance(env, driving_v0.parallel_env)
+    assert env.possible_agents == ["car_0"]
 
 
 @pytest.mark.parametrize("observation", ["full", "positions"])
@@ -134,6 +163,8 @@ def test_gymnasium_accepts(observation):
         check_env(env.unwrapped)
         arguments = {**JUNCTION, "observation": observation, "render_mode": "rgb_array"}
         check_env(gymnasium.make("foresight/Intersection-v0", **arguments).unwrapped)
+        arguments = {**DRIVING, "observation": observation, "render_mode": "rgb_array"}
+        check_env(gymnasium.make("foresight/Driving-v0", **arguments).unwrapped)
 
 
 def test_gymnasium_vectorises():

@@ -1,0 +1,180 @@
+"""What is particular to driving: highway-env's vehicle, its drivers, recorded tracks."""
+
+from functools import partial
+
+import gymnasium
+import numpy as np
+import pytest
+from highway_env.road.road import Road
+from highway_env.vehicle.behavior import IDMVehicle
+from highway_env.vehicle.kinematics import Vehicle
+
+from foresight_env.envs import driving_v0
+from foresight_env.envs.drivers import IdmDrivers, RecordedDrivers
+from foresight_env.envs.motion import advance
+from foresight_env.highway.axes import flipped_controls, flipped_states
+from foresight_env.highway.scenes import SCENES
+from foresight_env.scenarios.driving import driving_game, player_theta
+
+SHORT = {"cars": 2, "planning_horizon": 4}
+ZERO = np.zeros(2, dtype=np.float32)
+
+
+@pytest.mark.parametrize(("policy", "simulation"), [(10, 10), (10, 20), (5, 15)])
+def test_one_step_is_highway_envs(policy, simulation):
+    """To 1e-12, for random states and controls, whatever the frequencies."""
+    random = np.random.default_rng(policy + simulation)
+    substeps = simulation // policy
+    game = driving_game(1, 3, 1.0 / policy, substeps)
+    theta = (player_theta(np.zeros((20, 4)), 10.0, np.zeros(2)),)
+    for _ in range(20):
+        state = np.array(
+            [[*random.uniform(-50, 50, 2), random.uniform(1, 25), random.uniform(-6, 6)]]
+        )
+        control = np.array([[random.uniform(-5, 5), random.uniform(-0.6, 0.6)]])
+        vehicle = Vehicle(None, *_placed(state))
+        acceleration, steering = flipped_controls(control)[0]
+        for _ in range(substeps):
+            vehicle.act({"acceleration": acceleration, "steering": steering})
+            vehicle.step(1.0 / simulation)
+        after, _ = advance(game, state, control, theta)
+        theirs = np.array([[*vehicle.position, vehicle.speed, vehicle.heading]])
+        np.testing.assert_allclose(after, flipped_states(theirs), rtol=0, atol=1e-12)
+
+
+def _placed(state):
+    x, y, speed, heading = flipped_states(state)[0]
+    return np.array([x, y]), heading, speed
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_idm_cars_drive_as_highway_envs_road_drives_them(scene):
+    """All cars on highway-env's own road, `Road.act` and `Road.step`, against the environment."""
+    everybody = driving_v0.parallel_env(
+        scene=scene, behaviour="idm", controlled=(0,), policy_frequency=10, simulation_frequency=10
+    )
+    _, infos = everybody.reset(seed=2)
+    info = infos["car_0"]
+    situation = everybody._episode.situation
+    drivers = IdmDrivers(SCENES[scene], everybody_setting(everybody))
+    drivers.reset(situation)
+    road: Road = drivers._vehicles[0].road
+    states = info["state"]
+    for _ in range(15):
+        for vehicle in road.vehicles:
+            vehicle.timer += 0.1  # highway-env counts after deciding; we count before
+            vehicle.on_state_update()
+        road.act()
+        controls = flipped_controls(
+            np.array([[v.action["acceleration"], v.action["steering"]] for v in road.vehicles])
+        )
+        clipped = np.clip(controls, [-5.0, -0.6], [5.0, 0.6])
+        for vehicle, control in zip(road.vehicles, flipped_controls(clipped), strict=True):
+            vehicle.action = {"acceleration": control[0], "steering": control[1]}
+            Vehicle.step(vehicle, 0.1)
+        theirs = flipped_states(
+            np.array([[*v.position, v.speed, v.heading] for v in road.vehicles])
+        )
+        action = clipped[0].astype(np.float32)
+        _, _, _, _, infos = everybody.step({"car_0": action})
+        states = infos["car_0"]["state"]
+        np.testing.assert_allclose(states, theirs, atol=1e-5)  # the ego's action is float32
+
+
+def everybody_setting(env):
+    from foresight_env.envs.oracle import BehaviourSetting
+
+    return BehaviourSetting(env._world.game, 4, 10)
+
+
+def test_nothing_is_written_to_highway_envs_classes():
+    """IntersectionEnv changes IDM's parameters for the whole process; these environments do not."""
+    kept = [{k: v for k, v in vars(c).items()} for c in (IDMVehicle, Vehicle)]
+    for scene in SCENES:
+        env = driving_v0.parallel_env(scene=scene, behaviour="idm", render_mode="rgb_array")
+        env.reset(seed=0)
+        env.step({"car_0": ZERO})
+        env.render()
+        env.close()
+    assert [{k: v for k, v in vars(c).items()} for c in (IDMVehicle, Vehicle)] == kept
+
+
+def test_recorded_tracks_are_followed():
+    """The track of an earlier drive, positions alone, is driven again to a few centimetres."""
+    random = np.random.default_rng(0)
+    env = driving_v0.parallel_env(cars=2, controlled="all")
+    _, infos = env.reset(seed=4)
+    track = [infos["car_0"]["state"]]
+    for t in range(40):
+        gentle = np.array([np.sin(0.3 * t), 0.02 * np.cos(0.2 * t)]) + 0.01 * random.normal(size=2)
+        actions = {a: gentle.astype(np.float32) for a in env.agents}
+        track.append(env.step(actions)[4]["car_0"]["state"])
+    places = np.stack(track)[:, :, :2].copy()
+    places[:, 0] = np.nan  # the user drives car 0
+    again = driving_v0.parallel_env(cars=2, behaviour=lambda setting: RecordedDrivers(places, 0.1))
+    again.reset(seed=4)
+    for t in range(38):
+        infos = again.step({"car_0": ZERO})[4]
+        np.testing.assert_allclose(infos["car_0"]["state"][1, :2], places[t + 1, 1], atol=0.05)
+    # Where the track ends, the car brakes.
+    for _ in range(5):
+        infos = again.step({"car_0": ZERO})[4]
+    assert infos["car_0"]["applied_action"] is not None
+    assert infos["car_0"]["controls"][1, 0] == pytest.approx(-5.0)
+
+
+def test_every_car_its_own_driver():
+    """What each does is what it would do if all were driven so (here for one step)."""
+    mixed = driving_v0.parallel_env(
+        cars=3, behaviour=("idm", "receding", "idm"), planning_horizon=4
+    )
+    same = {
+        name: driving_v0.parallel_env(cars=3, behaviour=name, planning_horizon=4)
+        for name in ("idm", "receding")
+    }
+    controls = {}
+    for name, env in {"mixed": mixed, **same}.items():
+        env.reset(seed=1)
+        controls[name] = env.step({"car_0": ZERO})[4]["car_0"]["controls"]
+    np.testing.assert_array_equal(controls["mixed"][1], controls["receding"][1])
+    np.testing.assert_array_equal(controls["mixed"][2], controls["idm"][2])
+    assert mixed.reset(seed=1)[1]["car_0"]["solver_status"] == -1
+    assert mixed.step({"car_0": ZERO})[4]["car_0"]["solver_status"] == 0
+
+
+def test_leaving_the_road_ends_the_episode():
+    env = driving_v0.parallel_env(behaviour="idm", **SHORT)
+    env.reset(seed=0)
+    infos = {}
+    while env.agents:
+        infos = env.step({"car_0": np.array([2.0, -0.6], dtype=np.float32)})[4]
+    assert infos["car_0"]["off_road"]
+    assert not infos["car_0"]["is_success"]
+
+
+def test_several_scenes_live_side_by_side():
+    """Also in processes of their own, as vector environments have them."""
+    make = partial(gymnasium.make, "foresight/Driving-v0", behaviour="idm", **SHORT)
+    alone = [make(scene=s) for s in SCENES]
+    first = [env.reset(seed=5)[0] for env in alone]
+    with_others = gymnasium.vector.SyncVectorEnv([partial(make, scene=s) for s in SCENES])
+    seen, _ = with_others.reset(seed=[5] * len(SCENES))
+    np.testing.assert_array_equal(seen, np.stack(first))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        ({"scene": "moon"}, "scene: is 'moon'"),
+        ({"cars": 1}, "cars: is 1; expected an integer from 2 to 6"),
+        ({"simulation_frequency": 15}, "simulation_frequency: is 15; expected a multiple"),
+        ({"behaviour": "wild"}, "behaviour: is 'wild'"),
+        ({"behaviour": ("idm",)}, "behaviour: has 1 entries; expected one per car, 4"),
+        ({"behaviour": ("idm",) * 3 + ("x",)}, r"behaviour\[3\]: is 'x'"),
+        ({"ranges": {}}, "ranges: is {}"),
+        ({"max_steps": 0}, "max_steps: is 0"),
+    ],
+)
+def test_wrong_arguments(arguments, told):
+    with pytest.raises(ValueError, match=told):
+        driving_v0.parallel_env(**arguments)
