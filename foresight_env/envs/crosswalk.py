@@ -83,6 +83,7 @@ from foresight_env.envs.crosswalk_world import crosswalk_world
 from foresight_env.envs.oracle import BehaviourFactory
 from foresight_env.envs.parallel import WorldParallelEnv
 from foresight_env.envs.scene import Observation
+from foresight_env.envs.single import SingleAgentEnv, single_metadata
 from foresight_env.scenarios.crosswalk import DT, HORIZON, Proximity, Ranges
 
 
@@ -127,3 +128,13 @@ class CrosswalkParallelEnv(WorldParallelEnv):
 
 parallel_env = CrosswalkParallelEnv
 """The name that PettingZoo gives to parallel environments."""
+
+
+class CrosswalkEnv(SingleAgentEnv):
+    """Pedestrian 0 among others."""
+
+    metadata: ClassVar[dict[str, Any]] = single_metadata(CrosswalkParallelEnv)  # type: ignore[misc]
+
+    @no_type_check
+    def __init__(self, **arguments: Any) -> None:
+        super().__init__(CrosswalkParallelEnv, 0, arguments)

@@ -102,6 +102,7 @@ from foresight_env.envs.driving_world import driving_world
 from foresight_env.envs.oracle import BEHAVIOURS, BehaviourFactory
 from foresight_env.envs.parallel import WorldParallelEnv
 from foresight_env.envs.scene import Observation
+from foresight_env.envs.single import SingleAgentEnv, single_metadata
 from foresight_env.highway.ranges import DrivingRanges
 from foresight_env.highway.scenes import LEAST_CARS, MOST_CARS, SCENES, DrivingScene
 from foresight_env.scenarios.driving import HORIZON
@@ -183,3 +184,13 @@ def _driver(scene: DrivingScene, name: str, driver: Any) -> BehaviourFactory:
 
 parallel_env = DrivingParallelEnv
 """The name that PettingZoo gives to parallel environments."""
+
+
+class DrivingEnv(SingleAgentEnv):
+    """Car 0, whose manoeuvre the scene is named after."""
+
+    metadata: ClassVar[dict[str, Any]] = single_metadata(DrivingParallelEnv)  # type: ignore[misc]
+
+    @no_type_check
+    def __init__(self, **arguments: Any) -> None:
+        super().__init__(DrivingParallelEnv, 0, arguments)

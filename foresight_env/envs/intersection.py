@@ -94,6 +94,7 @@ from foresight_env.envs.intersection_world import intersection_world
 from foresight_env.envs.oracle import BehaviourFactory
 from foresight_env.envs.parallel import WorldParallelEnv
 from foresight_env.envs.scene import Observation
+from foresight_env.envs.single import SingleAgentEnv, single_metadata
 from foresight_env.scenarios.intersection import DT
 from foresight_env.scenarios.junction import HORIZON, MOST, JunctionRanges
 
@@ -141,3 +142,14 @@ class IntersectionParallelEnv(WorldParallelEnv):
 
 parallel_env = IntersectionParallelEnv
 """The name that PettingZoo gives to parallel environments."""
+
+
+class IntersectionEnv(SingleAgentEnv):
+    """The first car, which turns, among others."""
+
+    metadata: ClassVar[dict[str, Any]] = single_metadata(IntersectionParallelEnv)  # type: ignore[misc]
+
+    @no_type_check
+    def __init__(self, pedestrians: int = PEDESTRIANS, **arguments: Any) -> None:
+        arguments = {"pedestrians": pedestrians, **arguments}
+        super().__init__(IntersectionParallelEnv, pedestrians, arguments)

@@ -8,7 +8,7 @@ from pettingzoo.env_registry.registration import aec_registry, parallel_registry
 from pettingzoo.env_registry.registration import register as register_pettingzoo
 
 SCENARIOS = ("crosswalk", "intersection", "driving")
-"""Each has a class `<Name>Env` in `single` and a module `<name>_v0`."""
+"""Each has a module `<name>` with a class `<Name>Env`, and a module `<name>_v0`."""
 
 
 def register() -> None:
@@ -17,7 +17,7 @@ def register() -> None:
         single, both = f"foresight/{name.capitalize()}-v0", f"foresight/{name}-v0"
         module = f"foresight_env.envs.{name}_v0"
         if single not in registry:
-            register_gymnasium(single, f"foresight_env.envs.single:{name.capitalize()}Env")
+            register_gymnasium(single, f"foresight_env.envs.{name}:{name.capitalize()}Env")
         if both not in parallel_registry:
             register_pettingzoo("parallel", both, f"{module}:parallel_env")
         if both not in aec_registry:

@@ -6,16 +6,13 @@ spaces, rewards, ends of episodes, options and information are described too.
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import Any
 
 import gymnasium
 import numpy as np
 from jaxtyping import Float, Float32
 
 from foresight_env.envs.checks import no_type_check
-from foresight_env.envs.crosswalk import CrosswalkParallelEnv
-from foresight_env.envs.driving import DrivingParallelEnv
-from foresight_env.envs.intersection import PEDESTRIANS, IntersectionParallelEnv
 from foresight_env.envs.overlay import Overlay
 from foresight_env.envs.parallel import Info, WorldParallelEnv
 from foresight_env.envs.scene import Scene
@@ -74,36 +71,6 @@ class SingleAgentEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         self._world.close()
 
 
-def _metadata(parallel: type[WorldParallelEnv]) -> dict[str, Any]:
+def single_metadata(parallel: type[WorldParallelEnv]) -> dict[str, Any]:
+    """What a Gymnasium environment tells of its parallel one."""
     return {name: parallel.metadata[name] for name in ("render_modes", "render_fps")}
-
-
-class CrosswalkEnv(SingleAgentEnv):
-    """Pedestrian 0 among others."""
-
-    metadata: ClassVar[dict[str, Any]] = _metadata(CrosswalkParallelEnv)  # type: ignore[misc]
-
-    @no_type_check
-    def __init__(self, **arguments: Any) -> None:
-        super().__init__(CrosswalkParallelEnv, 0, arguments)
-
-
-class DrivingEnv(SingleAgentEnv):
-    """Car 0, whose manoeuvre the scene is named after."""
-
-    metadata: ClassVar[dict[str, Any]] = _metadata(DrivingParallelEnv)  # type: ignore[misc]
-
-    @no_type_check
-    def __init__(self, **arguments: Any) -> None:
-        super().__init__(DrivingParallelEnv, 0, arguments)
-
-
-class IntersectionEnv(SingleAgentEnv):
-    """The first car, which turns, among others."""
-
-    metadata: ClassVar[dict[str, Any]] = _metadata(IntersectionParallelEnv)  # type: ignore[misc]
-
-    @no_type_check
-    def __init__(self, pedestrians: int = PEDESTRIANS, **arguments: Any) -> None:
-        arguments = {"pedestrians": pedestrians, **arguments}
-        super().__init__(IntersectionParallelEnv, pedestrians, arguments)

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from copy import deepcopy
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -284,7 +285,8 @@ def intersection_cost(info: dict[str, Any], i: int) -> float:
 def driving_cost(info: dict[str, Any], i: int) -> float:
     """The formula of the page of driving."""
     theta, controls, states = info["theta"], info["controls"], info["state"]
-    offset = float(path_offset(jnp.asarray(theta["path"][i]), jnp.asarray(states[i, :2])))
+    with jax.enable_x64(True):
+        offset = float(path_offset(jnp.asarray(theta["path"][i]), jnp.asarray(states[i, :2])))
     ahead = 1.25 * np.stack([np.cos(states[:, 3]), np.sin(states[:, 3])], axis=1)
     discs = np.stack([states[:, :2] + ahead, states[:, :2] - ahead], axis=1)
     others = np.delete(discs, i, 0).reshape(-1, 2)
