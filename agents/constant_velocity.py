@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from agents.motion import FIT_STEPS, extrapolate, fit_constant_velocity, player_positions
+from agents.motion import FIT_STEPS, extrapolate, present_state
 from agents.planning import Plan, plan_response
 from agents.policy import Decision
 from foresight_env.envs.scene import Scene
@@ -51,17 +51,18 @@ class ConstantVelocity:
         if not memory.observations:
             raise ValueError("memory: holds no observation yet; call update before act")
         seen = np.stack(memory.observations)
-        motions = [
-            fit_constant_velocity(player_positions(model, seen, j), scene.dt)
-            for j in range(scene.players)
+        players = scene.game.players
+        states = [
+            present_state(player.dynamics, model, seen, j, scene.dt)
+            for j, player in enumerate(players)
         ]
         predicted = {
-            j: extrapolate(*motion, scene.game.horizon, scene.dt)
-            for j, motion in enumerate(motions)
+            j: extrapolate(players[j].dynamics, state, scene.game.horizon, scene.dt)
+            for j, state in enumerate(states)
             if j != ego
         }
         own = scene.own(ego)
         decision, plan = plan_response(
-            scene, ego, np.concatenate(motions[ego]), own.theta, own.gamma, predicted, memory.plan
+            scene, ego, states[ego], own.theta, own.gamma, predicted, memory.plan
         )
         return decision, memory._replace(plan=plan)

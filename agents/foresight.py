@@ -18,6 +18,7 @@ from agents.motion import fit_constant_velocity, player_positions
 from agents.planning import Plan, plan_equilibrium
 from agents.policy import Decision
 from foresight_env.envs.scene import Scene
+from foresight_env.games import Vehicle
 from foresight_env.inverse import Free, OnlineEstimator, OnlineState, Prior
 
 LEAST_VARIANCE = 1e-6
@@ -58,6 +59,11 @@ class Foresight:
     def init(self, scene: Scene, agent: str | int) -> ForesightMemory:
         """See `EgoPolicy`."""
         ego = scene.index(agent)
+        if any(isinstance(player.dynamics, Vehicle) for player in scene.game.players):
+            raise ValueError(
+                f"scene: has cars, whose paths the ego {self.name!r} cannot infer yet; use "
+                "'oracle' or 'constant-velocity' there"
+            )
         free = tuple(
             Free((), False, True) if j == ego else Free(("goal",), self.infer_gamma, True)
             for j in range(scene.players)

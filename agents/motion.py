@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from foresight_env.games import ObservationModel
+from foresight_env.games import Dynamics, ObservationModel
+from foresight_env.games.motion import moving_state, planar_velocity
 
 FIT_STEPS = 5
 """Observations that the straight line is fitted through."""
@@ -37,11 +38,32 @@ def fit_constant_velocity(
 
 
 def extrapolate(
-    position: Float[np.ndarray, "2"],
-    velocity: Float[np.ndarray, "2"],
+    dynamics: Dynamics,
+    state: Float[np.ndarray, "4"],
     steps: int,
     dt: float,
 ) -> Float[np.ndarray, "T 4"]:
-    """States `[px, py, vx, vy]` after 1..steps steps."""
+    """States after 1..steps steps of straight, even motion."""
     times = dt * np.arange(1, steps + 1)[:, None]
-    return np.concatenate([position + times * velocity, np.tile(velocity, (steps, 1))], axis=1)
+    places = state[:2] + times * planar_velocity(dynamics, state)
+    return np.concatenate([places, np.tile(state[2:], (steps, 1))], axis=1)
+
+
+def present_state(
+    dynamics: Dynamics,
+    model: ObservationModel,
+    observations: Float[np.ndarray, "K size"],
+    player: int,
+    dt: float,
+) -> Float[np.ndarray, "4"]:
+    """A player's state now by straight, even motion through its observed positions.
+
+    Where one observation is all there is, and it shows the whole state, that is the state.
+    """
+    mine = [k for k, owner in enumerate(model.owners) if owner == player]
+    own = observations[:, mine]
+    whole = own[~np.isnan(own).any(axis=1)]
+    if own.shape[1] > 3 and len(whole) == 1:
+        return np.array(whole[0, :4])
+    heading = float(whole[-1, 3]) if own.shape[1] > 3 and len(whole) else float("nan")
+    return moving_state(dynamics, *fit_constant_velocity(own[:, :2], dt), heading)

@@ -9,10 +9,12 @@ import numpy as np
 from jaxtyping import Float
 
 from agents.policy import Decision
+from foresight_env.envs.motion import braking
 from foresight_env.envs.scene import Scene
 from foresight_env.equilibrium import Solution, Status, shift, solve
 from foresight_env.equilibrium.best_response import best_response_game, best_response_parameters
 from foresight_env.games import Game, inside_bounds
+from foresight_env.games.motion import planar_velocity
 from foresight_env.games.types import Theta
 
 Guess = Solution | Sequence[Float[np.ndarray, "T _"]] | None
@@ -25,11 +27,6 @@ class Plan(NamedTuple):
     solution: Solution
     player: int
     """Which of the solved game's players the ego is."""
-
-
-def brake(scene: Scene, state: Float[np.ndarray, "4"]) -> Float[np.ndarray, "2"]:
-    """The control that brings a double integrator to rest as fast as its limits allow."""
-    return -state[2:4] / scene.dt
 
 
 def _within_limits(game: Game, player: int, control: np.ndarray) -> np.ndarray:
@@ -53,7 +50,7 @@ def _decide(
     else:
         plan = None if previous is None else previous._replace(solution=shift(previous.solution))
     if plan is None:
-        action: np.ndarray = brake(scene, own_state)
+        action: np.ndarray = braking(scene.game, ego, own_state)
         path: np.ndarray | None = None
     else:
         action = np.asarray(plan.solution.controls[plan.player][0])
@@ -116,7 +113,8 @@ def _change_of_others(
     times = scene.dt * np.arange(1, INERTIA_STEPS + 1)[:, None]
     for j, state in enumerate(states):
         if j != ego:
-            straight = state[:2] + times * state[2:4]
+            velocity = planar_velocity(scene.game.players[j].dynamics, state)
+            straight = state[:2] + times * velocity
             path = solution.states[j][1 : INERTIA_STEPS + 1, :2]
             total += float(np.mean(np.sum((path - straight[: len(path)]) ** 2, axis=1)))
     return total

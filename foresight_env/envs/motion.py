@@ -56,12 +56,18 @@ def applicable(
     return applied
 
 
+def braking(game: Game, player: int, state: Float[np.ndarray, "n"]) -> Float[np.ndarray, "m"]:
+    """The control that would bring a player to rest within a step; it does not steer."""
+    dynamics = game.players[player].dynamics
+    control = np.zeros(dynamics.control_size)
+    for k, n in rates(dynamics):
+        control[k] = -state[n] / game.dt
+    return control
+
+
 def brake(game: Game, states: Float[np.ndarray, "N n"]) -> Float[np.ndarray, "N m"]:
     """Controls that bring everybody to rest as fast as the limits allow; nobody steers."""
-    controls = np.zeros((len(states), game.players[0].dynamics.control_size))
-    for i, player in enumerate(game.players):
-        for k, n in rates(player.dynamics):
-            controls[i, k] = -states[i, n] / game.dt
+    controls = np.stack([braking(game, i, state) for i, state in enumerate(states)])
     return applicable(game, states, controls)
 
 

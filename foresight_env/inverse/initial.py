@@ -6,20 +6,14 @@ import numpy as np
 from jaxtyping import Float
 
 from foresight_env.games.arc import arc
-from foresight_env.games.dynamics import Dynamics, Vehicle
+from foresight_env.games.dynamics import Vehicle
 from foresight_env.games.game import Game
+from foresight_env.games.motion import planar_velocity
 from foresight_env.games.observations import ObservationModel
 
 
 class NeverSeenError(ValueError):
     """Some agent has not a single observation."""
-
-
-def _velocity(dynamics: Dynamics, state: Float[np.ndarray, "_"]) -> Float[np.ndarray, "2"]:
-    """Velocity (m/s) that a state of at least four entries stands for."""
-    if isinstance(dynamics, Vehicle):
-        return state[2] * np.array([np.cos(state[3]), np.sin(state[3])])
-    return state[2:4]
 
 
 def guess_initial_states(
@@ -48,7 +42,7 @@ def guess_initial_states(
         state[:width] = mine[first, :width]
         last = int(seen[min(len(seen) - 1, max(1, len(seen) // 2))])
         if state.size >= 4:
-            velocity = _velocity(player.dynamics, state)
+            velocity = planar_velocity(player.dynamics, state)
             if width == 2 and last > first:
                 velocity = (mine[last, :2] - mine[first, :2]) / (game.dt * (last - first))
                 if isinstance(player.dynamics, Vehicle):

@@ -5,11 +5,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.motion import FIT_STEPS, extrapolate, fit_constant_velocity, player_positions
+from agents.motion import (
+    FIT_STEPS,
+    extrapolate,
+    fit_constant_velocity,
+    player_positions,
+    present_state,
+)
 from foresight_env.envs.scene import own_first
+from foresight_env.games import DoubleIntegrator, ObservationModel, SlipBicycle
 from foresight_env.scenarios.crosswalk import crosswalk_game
 
 NAN = np.nan
+WALKER, CAR = DoubleIntegrator(0.5), SlipBicycle(0.5)
 SMALL = st.floats(-5.0, 5.0)
 
 
@@ -53,15 +61,43 @@ def test_straight_motion_is_found_and_continued(position, velocity, count, dt):
     found = fit_constant_velocity(track, dt)
     np.testing.assert_allclose(found[0], position, atol=1e-9)
     np.testing.assert_allclose(found[1], velocity, atol=1e-8)
-    ahead = extrapolate(*found, 3, dt)
+    ahead = extrapolate(WALKER, np.concatenate(found), 3, dt)
     end = np.array(position) + 3 * dt * np.array(velocity)
     np.testing.assert_allclose(ahead[2, :2], end, rtol=1e-7, atol=1e-8)
     np.testing.assert_allclose(ahead[:, 2:], np.tile(velocity, (3, 1)), atol=1e-8)
 
 
 def test_extrapolation_by_hand():
-    ahead = extrapolate(np.array([1.0, 2.0]), np.array([1.0, -2.0]), 2, 0.5)
+    ahead = extrapolate(WALKER, np.array([1.0, 2.0, 1.0, -2.0]), 2, 0.5)
     np.testing.assert_allclose(ahead, [[1.5, 1.0, 1.0, -2.0], [2.0, 0.0, 1.0, -2.0]])
+    turn = np.pi / 2.0  # upwards at 2 m/s
+    ahead = extrapolate(CAR, np.array([1.0, 2.0, 2.0, turn]), 2, 0.5)
+    np.testing.assert_allclose(ahead, [[1.0, 3.0, 2.0, turn], [1.0, 4.0, 2.0, turn]], atol=1e-12)
+
+
+@pytest.mark.parametrize("width", [2, 4])
+def test_the_present_state_of_a_car(width):
+    """Westwards at 3 m/s, seen with a heading that has gone round once, or by positions alone."""
+    heading = 3.0 * np.pi
+    rows = np.array([[6.0 - 0.3 * k, 1.0, 3.0, heading] for k in range(4)])[:, :width]
+    model = ObservationModel(lambda states: states, (0,) * width)
+    found = present_state(CAR, model, rows, 0, 0.1)
+    expected = heading if width == 4 else np.pi
+    np.testing.assert_allclose(found[:3], [5.1, 1.0, 3.0], atol=1e-9)
+    assert np.mod(found[3] - expected + np.pi, 2.0 * np.pi) == pytest.approx(np.pi, abs=1e-9)
+    if width == 4:
+        assert found[3] == pytest.approx(heading)
+        np.testing.assert_array_equal(present_state(CAR, model, rows[:1], 0, 0.1), rows[0])
+    else:
+        np.testing.assert_array_equal(
+            present_state(CAR, model, rows[:1], 0, 0.1), [6.0, 1.0, 0.0, 0.0]
+        )
+
+
+def test_a_standing_car_keeps_its_heading():
+    rows = np.array([[6.0, 1.0, 0.0, 2.0], [6.0, 1.001, 0.0, 2.0]])
+    model = ObservationModel(lambda states: states, (0,) * 4)
+    assert present_state(CAR, model, rows, 0, 0.1)[3] == 2.0
 
 
 @pytest.mark.parametrize("observation", ["full", "positions"])

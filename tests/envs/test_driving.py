@@ -9,6 +9,7 @@ from highway_env.road.road import Road
 from highway_env.vehicle.behavior import IDMVehicle
 from highway_env.vehicle.kinematics import Vehicle
 
+from agents import make_ego
 from foresight_env.envs import driving_v0
 from foresight_env.envs.drivers import IdmDrivers, RecordedDrivers
 from foresight_env.envs.motion import advance
@@ -140,6 +141,27 @@ def test_every_car_its_own_driver():
     np.testing.assert_array_equal(controls["mixed"][2], controls["idm"][2])
     assert mixed.reset(seed=1)[1]["car_0"]["solver_status"] == -1
     assert mixed.step({"car_0": ZERO})[4]["car_0"]["solver_status"] == 0
+
+
+@pytest.mark.parametrize("ego", ["oracle", "constant-velocity"])
+def test_egos_drive(ego):
+    """Both turn left among two cars that play the game, to the goal and without a collision."""
+    env = driving_v0.parallel_env(cars=2, planning_horizon=11, noise_std=0.05, max_steps=70)
+    policy = make_ego(ego)
+    observations, infos = env.reset(seed=3)
+    memory = policy.init(env.scene, "car_0")
+    while env.agents:
+        memory = policy.update(memory, observations["car_0"], infos["car_0"])
+        decision, memory = policy.act(memory)
+        observations, _, _, _, infos = env.step({"car_0": decision.action})
+    assert infos["car_0"]["is_success"]
+
+
+def test_egos_that_cannot_drive_say_so():
+    env = driving_v0.parallel_env(**SHORT)
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match="scene: has cars, whose paths the ego 'foresight' cannot"):
+        make_ego("foresight").init(env.scene, "car_0")
 
 
 def test_leaving_the_road_ends_the_episode():

@@ -1,0 +1,39 @@
+"""What a state says of an agent's motion in the plane, whatever its dynamics."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+
+from foresight_env.games.dynamics import Dynamics, Vehicle
+
+
+def planar_velocity(dynamics: Dynamics, state: Float[np.ndarray, "_"]) -> Float[np.ndarray, "2"]:
+    """Velocity (m/s) of `[px, py, vx, vy, ...]` or, of a vehicle, `[px, py, v, psi, ...]`."""
+    if isinstance(dynamics, Vehicle):
+        return np.asarray(state[2] * np.array([np.cos(state[3]), np.sin(state[3])]))
+    return np.asarray(state[2:4])
+
+
+def moving_state(
+    dynamics: Dynamics,
+    position: Float[np.ndarray, "2"],
+    velocity: Float[np.ndarray, "2"],
+    heading: float = np.nan,
+) -> Float[np.ndarray, "4"]:
+    """The state of that motion; a vehicle that stands has `heading` (rad), 0 where it is NaN.
+
+    Of two headings that differ by whole turns the one nearer to `heading` is taken.
+    """
+    if not isinstance(dynamics, Vehicle):
+        return np.concatenate([position, velocity])
+    speed = float(np.hypot(*velocity))
+    own = float(np.arctan2(velocity[1], velocity[0]))
+    if not np.isnan(heading):
+        turns = np.round((heading - own) / (2.0 * np.pi))
+        own = heading if speed < STANDING else own + 2.0 * np.pi * turns
+    return np.array([*position, speed, own])
+
+
+STANDING = 0.2
+"""Below this a vehicle's velocity says nothing of its heading, m/s."""
