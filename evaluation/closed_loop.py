@@ -69,12 +69,17 @@ def make_environment(setting: ClosedLoop, render_mode: str | None = None) -> Any
     )
 
 
-def episode(env: Any, ego: str, seed: int) -> Iterator[Step]:
-    """Run one episode of `env` with a registered ego, step by step."""
+def episode(
+    env: Any, ego: str, seed: int, gammas: tuple[float, float] = OTHERS_GAMMA
+) -> Iterator[Step]:
+    """Run one episode of `env` with a registered ego, step by step; the others' gammas are drawn.
+
+    The ego is the one agent that `env` leaves to be controlled.
+    """
     policy = make_ego(ego)
     players = env.scene.players
-    hidden = np.random.default_rng([seed, 1]).uniform(*OTHERS_GAMMA, players)
-    hidden[0] = EGO_GAMMA
+    hidden = np.random.default_rng([seed, 1]).uniform(*gammas, players)
+    hidden[env.scene.controlled[0]] = EGO_GAMMA
     observations, infos = env.reset(seed=seed, options={"gamma": hidden})
     agent = env.agents[0]
     memory = policy.init(env.scene, agent)

@@ -34,6 +34,17 @@ class Scenario(StrEnum):
     """Scenarios that can be run."""
 
     CROSSWALK = "crosswalk"
+    INTERSECTION = "intersection"
+    DRIVING = "driving"
+
+
+class Scene(StrEnum):
+    """Scenes of driving."""
+
+    LEFT_TURN = "left_turn"
+    MERGE = "merge"
+    LANE_CHANGE = "lane_change"
+    ROUNDABOUT = "roundabout"
 
 
 class Observed(StrEnum):
@@ -48,6 +59,7 @@ class Behaviour(StrEnum):
 
     RECEDING = "receding"
     OPEN_LOOP = "open_loop"
+    IDM = "idm"
 
 
 def keep_compiled_programs() -> None:
@@ -105,20 +117,36 @@ WorkersOption = Annotated[
 @plain_errors
 def run(
     scenario: Annotated[Scenario, typer.Argument(help="Which scenario.")],
-    ego: Annotated[str, typer.Option(callback=_check_ego, help=EGO_HELP)] = "foresight",
+    ego: Annotated[
+        str,
+        typer.Option(callback=_check_ego, help=f"{EGO_HELP} Cars: oracle, constant-velocity."),
+    ] = "foresight",
     seed: Annotated[int, typer.Option(min=0, help="Episode.")] = 0,
-    players: PlayersOption = 2,
+    scene: Annotated[Scene, typer.Option(help="Of driving.")] = Scene.LEFT_TURN,
+    players: Annotated[
+        int | None, typer.Option(min=2, max=6, help="Number of agents or cars.")
+    ] = None,
     observation: Annotated[Observed, typer.Option(help="What the ego sees.")] = Observed.FULL,
-    behaviour: Annotated[Behaviour, typer.Option(help="What the others do.")] = Behaviour.RECEDING,
-    noise_std: NoiseOption = 0.05,
+    behaviour: Annotated[
+        Behaviour, typer.Option(help="What the others do; idm: cars of driving.")
+    ] = Behaviour.RECEDING,
+    noise_std: Annotated[
+        float | None,
+        typer.Option(min=0.0, help="Noise std of every observed coordinate; default: as usual."),
+    ] = None,
     human: Annotated[bool, typer.Option("--human", help="Show it live in a window.")] = False,
     out: OutOption = Path("results/run"),
 ) -> None:
     """Run one episode: table, picture, animation, inferred discount factors over time."""
-    _check_noise(noise_std)
+    if noise_std is not None:
+        _check_noise(noise_std)
     from evaluation.demonstration import run_one
+    from evaluation.run_setting import RunSetting
 
-    run_one(ego, seed, players, observation.value, behaviour.value, noise_std, human, out)
+    setting = RunSetting(
+        scenario.value, scene.value, players, observation.value, noise_std, behaviour.value
+    )
+    run_one(ego, seed, setting, human, out)
 
 
 evaluate = typer.Typer(no_args_is_help=True, help="Compare methods over many trials; figures.")

@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from evaluation import closed_loop, estimation, intersection_study, junction_sample, prediction
-from evaluation.closed_loop import INFERRING, ClosedLoop, episode, make_environment, summarise
+from evaluation.closed_loop import INFERRING, ClosedLoop, episode, summarise
 from evaluation.episode_pictures import draw_episode
 from evaluation.figures import (
     closed_loop_summary,
@@ -32,6 +32,7 @@ from evaluation.intersection_window import Choice, load
 from evaluation.junction_sample import write_junction_sample
 from evaluation.prediction_report import error_over_time, print_prediction
 from evaluation.recorded import PREDICTORS, encounters, forecast
+from evaluation.run_setting import RunSetting
 from evaluation.sample import true_gammas, write_sample
 from evaluation.tables import (
     print_closed_loop,
@@ -45,41 +46,33 @@ TRIAL_STD = 0.05
 """Noise of the representative trial, m and m/s."""
 
 
-def run_one(
-    ego: str,
-    seed: int,
-    players: int,
-    observation: str,
-    behaviour: str,
-    noise_std: float,
-    human: bool,
-    out: Path,
-) -> None:
+def run_one(ego: str, seed: int, setting: RunSetting, human: bool, out: Path) -> None:
     """`foresight run`."""
     console = Console()
-    setting = ClosedLoop(players, observation, noise_std, behaviour)
     if human:
-        env = make_environment(setting, "human")
+        env = setting.make("human")
         from evaluation.episode_pictures import overlay_of
 
-        for step in episode(env, ego, seed):
+        for step in episode(env, ego, seed, setting.gammas):
             env.set_overlay(overlay_of(step, ego))
         env.close()
     _draw(console, ego, seed, setting, out)
 
 
-def _draw(console: Console, ego: str, seed: int, setting: ClosedLoop, out: Path) -> None:
-    with console.status(f"the {ego} ego walks (the first steps compile)"):
+def _draw(console: Console, ego: str, seed: int, setting: RunSetting, out: Path) -> None:
+    with console.status(f"the {ego} ego is on its way (the first steps compile)"):
         shown = draw_episode(ego, seed, setting, out)
     last = shown.steps[-1]
-    table = Table(title=f"One crossing, seed {seed}: ego {ego}")
+    where = setting.scene if setting.scenario == "driving" else setting.scenario
+    table = Table(title=f"{where.replace('_', ' ')}, seed {seed}: ego {ego}")
     table.add_column("quantity")
     table.add_column("value", justify="right")
     ended = "collision" if last.info["collision"] else "time-out"
+    ended = "off the road" if last.info["off_road"] else ended
     if last.info["is_success"]:
         ended = "goal reached"
     table.add_row("end", f"{ended} after {last.info['time']:.1f} s")
-    table.add_row("smallest distance between discs", f"{last.info['min_distance']:.2f} m")
+    table.add_row("smallest gap to somebody", f"{last.info['min_distance']:.2f} m")
     for j, (mean, deviation) in last.decision.gammas.items():
         true = f"{last.info['gamma'][j]:.2f}"
         if ego in INFERRING:
@@ -259,7 +252,7 @@ def demonstrate(data: Path | None, workers: int | None, out: Path) -> None:
     print_closed_loop(console, [summarise(rows, e) for e in egos], rows)
     _tell(console, closed_loop_summary(rows, egos, out / "closed_loop.png"))
     console.rule("2. One of them: the ego infers the other's foresight while it walks")
-    _draw(console, "foresight", 0, ClosedLoop(), out / "episode")
+    _draw(console, "foresight", 0, RunSetting(noise_std=ClosedLoop().noise_std), out / "episode")
     console.rule("3. How well can foresight be inferred? Error against noise")
     # In this process: compiling takes longer than these few fits, and the next picture needs it.
     rows = estimation.study(out / "estimation", 3, 3, observations=("full",), workers=0, fresh=True)

@@ -9,8 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from PIL import Image
 
-from evaluation.closed_loop import INFERRING, ClosedLoop, Step, episode, make_environment
+from evaluation.closed_loop import INFERRING, Step, episode
 from evaluation.figures import gamma_over_time
+from evaluation.run_setting import RunSetting
 from evaluation.store import write_atomically
 from foresight_env.envs.overlay import Overlay
 
@@ -25,10 +26,6 @@ class EpisodePictures(NamedTuple):
     """Inferred discount factors over time; None for egos that infer none."""
 
 
-STILL_AT = 1.4
-"""Time (s) of the still: the agents are about to meet."""
-
-
 def overlay_of(step: Step, ego: str) -> Overlay:
     """What the registered ego thought at this step, for the scene."""
     decision, truth = step.decision, step.info["gamma"]
@@ -40,20 +37,20 @@ def overlay_of(step: Step, ego: str) -> Overlay:
     )
 
 
-def draw_episode(ego: str, seed: int, setting: ClosedLoop, folder: Path) -> EpisodePictures:
+def draw_episode(ego: str, seed: int, setting: RunSetting, folder: Path) -> EpisodePictures:
     """Run one episode and write `episode.gif`, `episode.png` and `gammas.png` into `folder`."""
     folder.mkdir(parents=True, exist_ok=True)
-    env = make_environment(setting, "rgb_array")
+    env = setting.make("rgb_array")
     frames, steps = [], []
     try:
-        for step in episode(env, ego, seed):
+        for step in episode(env, ego, seed, setting.gammas):
             env.set_overlay(overlay_of(step, ego))
             frames.append(Image.fromarray(env.render()))
             steps.append(step)
     finally:
         env.close()
     dt = env.scene.dt
-    still = frames[min(round(STILL_AT / dt), len(frames) - 1)]
+    still = frames[min(round(setting.middle / dt), len(frames) - 1)]
     paths = folder / "episode.gif", folder / "episode.png"
     buffer = io.BytesIO()
     small = [f.resize((f.width * 2 // 3, f.height * 2 // 3)).quantize(64) for f in frames]
