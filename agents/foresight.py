@@ -14,13 +14,14 @@ import numpy as np
 from jaxtyping import Float
 
 from agents.constant_velocity import ConstantVelocity, ConstantVelocityMemory
-from agents.motion import fit_constant_velocity, player_positions
+from agents.motion import player_positions, present_state
 from agents.planning import Plan, plan_equilibrium
 from agents.policy import Decision
 from foresight_env.envs.scene import Scene
-from foresight_env.games import Vehicle
 from foresight_env.inverse import Free, OnlineEstimator, OnlineState, Prior
 
+AHEAD_PART = 0.6
+"""Of the planning horizon, how much the estimated game looks ahead."""
 LEAST_VARIANCE = 1e-6
 """Variance (m^2) that noise-free observations are given: equilibria are not exact models."""
 
@@ -51,30 +52,26 @@ class Foresight:
     """See `OnlineEstimator`: the others replan at every step, and the ego has not played the
     equilibrium that its old estimates stood for. Chosen on seeds 12 to 70 of the closed-loop study:
     90 % intervals of gamma cover 45 % of the truths with 1, 70 % with 1.3, 76 % with 1.6."""
-    ahead: int = 15
-    """Stages after the window in the estimated game."""
-    prior: Prior = Prior(gamma_weight=4.0, gamma_center=1.0, theta_deviation=(("goal", 3.0),))
-    """Weak beliefs: discount factors 1 +- 0.5, goals within a few metres of the first guess."""
+    ahead: int | None = None
+    """Stages after the window in the estimated game; None: three fifths of the planning horizon."""
+    prior: Prior = Prior(gamma_weight=4.0, gamma_center=1.0)
+    """A weak belief: discount factors 1 +- 0.5. What is believed of `theta` the scene says."""
 
     def init(self, scene: Scene, agent: str | int) -> ForesightMemory:
         """See `EgoPolicy`."""
         ego = scene.index(agent)
-        if any(isinstance(player.dynamics, Vehicle) for player in scene.game.players):
-            raise ValueError(
-                f"scene: has cars, whose paths the ego {self.name!r} cannot infer yet; use "
-                "'oracle' or 'constant-velocity' there"
-            )
         free = tuple(
-            Free((), False, True) if j == ego else Free(("goal",), self.infer_gamma, True)
+            Free((), False, True) if j == ego else Free(scene.belief.free, self.infer_gamma, True)
             for j in range(scene.players)
         )
+        ahead = max(1, round(AHEAD_PART * scene.game.horizon)) if self.ahead is None else self.ahead
         estimator = OnlineEstimator(
-            replace(scene.game, horizon=self.window - 1 + self.ahead),
+            replace(scene.game, horizon=self.window - 1 + ahead),
             scene.observation_model(ego),
             free,
             max(scene.noise_std**2, LEAST_VARIANCE),
             self.window,
-            self.prior,
+            replace(self.prior, theta_deviation=scene.belief.deviation),
             aging=self.aging,
         )
         return ForesightMemory(
@@ -89,28 +86,43 @@ class Foresight:
     ) -> ForesightMemory:
         """See `EgoPolicy`."""
         seen = np.asarray(observation[:-2], dtype=float)
-        state = memory.state
+        scene, state = memory.scene, memory.state
+        recent = np.stack([*(() if state is None else state.observations), seen])
+        guessed = self._guess(scene, memory.ego, recent[-self.window :])
         if state is None:
-            state = memory.estimator.init(*self._first_guess(memory.scene, memory.ego, seen))
+            gamma = np.full(scene.players, 0.8 if self.infer_gamma else 1.0)
+            gamma[memory.ego] = scene.own(memory.ego).gamma
+            state = memory.estimator.init(guessed, gamma)
+        else:
+            # What is not estimated is guessed anew, such as the way that a car takes.
+            kept = scene.belief.free
+            state = state._replace(
+                theta=tuple(
+                    {**new, **{name: old[name] for name in kept}}
+                    for new, old in zip(guessed, state.theta, strict=True)
+                )
+            )
         early = ConstantVelocity().update(memory.early, observation, info)
         following = memory.estimator.update(state, seen)
         stale = following.failures > state.failures
         return memory._replace(state=following, early=early, stale=stale)
 
-    def _first_guess(
-        self, scene: Scene, ego: int, seen: Float[np.ndarray, "size"]
-    ) -> tuple[list[dict[str, Any]], Float[np.ndarray, "N"]]:
-        """Own parameters as they are; others share the weights and wish to stay where they are."""
+    def _guess(
+        self, scene: Scene, ego: int, recent: Float[np.ndarray, "K size"]
+    ) -> list[dict[str, Any]]:
+        """Own parameters as they are; others' as the scene lets one believe."""
         own = scene.own(ego)
         model = scene.observation_model(ego)
-        theta, gamma = [], np.ones(scene.players)
-        for j in range(scene.players):
-            place, _ = fit_constant_velocity(player_positions(model, seen[None], j), scene.dt)
-            theta.append(own.theta if j == ego else {**own.theta, "goal": place})
-        gamma[ego] = own.gamma
-        if self.infer_gamma:
-            gamma[np.arange(scene.players) != ego] = 0.8
-        return theta, gamma
+        found = []
+        for j, player in enumerate(scene.game.players):
+            if j == ego:
+                found.append(own.theta)
+                continue
+            state = present_state(player.dynamics, model, recent, j, scene.dt)
+            track = player_positions(model, recent, j)
+            track = track[~np.isnan(track).any(axis=1)]
+            found.append(scene.belief.guess(own.theta, track, state))
+        return found
 
     def act(self, memory: ForesightMemory) -> tuple[Decision, ForesightMemory]:
         """See `EgoPolicy`."""

@@ -33,6 +33,7 @@ class Study(StrEnum):
     INTERSECTION = "intersection"
     STRESS = "stress"
     ENVIRONMENT = "environment"
+    DRIVING = "driving"
     PREDICTION = "prediction"
     WINDOWS = "windows"
 

@@ -9,19 +9,22 @@ import numpy as np
 
 from benchmarks.report import Result, Row, Setting
 from benchmarks.timing import Yardstick, median_seconds
-from foresight_env.envs import crosswalk_v0, intersection_v0
+from foresight_env.envs import crosswalk_v0, driving_v0, intersection_v0
 
 VARIANTS: dict[str, dict[str, Any]] = {
     "one controlled, others receding": {"behaviour": "receding"},
     "one controlled, others open_loop": {"behaviour": "open_loop"},
+    "one controlled, others idm": {"behaviour": "idm"},
     "all controlled": {"controlled": "all"},
 }
 WORLDS: dict[str, Any] = {
     "crosswalk, 2": partial(crosswalk_v0.parallel_env, players=2),
     "crosswalk, 4": partial(crosswalk_v0.parallel_env, players=4),
     "intersection, 2 + 2": intersection_v0.parallel_env,
+    "driving, 2": partial(driving_v0.parallel_env, cars=2),
+    "driving, 4": driving_v0.parallel_env,
 }
-"""Players, and pedestrians + cars."""
+"""Players, pedestrians + cars, and cars."""
 CRUISE = 5.0
 """Speed that controlled cars keep, straight on, m/s."""
 EPISODE = 40
@@ -53,6 +56,8 @@ def run(setting: Setting) -> list[Result]:
     rows: list[Row] = []
     for name, arguments in VARIANTS.items():
         for world, make in WORLDS.items():
+            if "idm" in name and not world.startswith("driving"):
+                continue
             env = make(**arguments)
             counts = [walk(env, seed) for seed in range(episodes)]  # compiles, and counts
 
@@ -71,7 +76,7 @@ def run(setting: Setting) -> list[Result]:
                 }
             )
     note = (
-        f"{episodes} episodes of up to {EPISODE} steps, resets included, 25 and 15 stages planned; "
+        f"{episodes} episodes of up to {EPISODE} steps, resets included, 25, 15 and 11 stages planned; "
         f"medians of 3 runs, one process. {yardstick.note}"
     )
     return [Result("Environment", note, rows).show(setting.console)]

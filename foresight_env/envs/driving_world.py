@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
+from functools import lru_cache, partial
+from typing import Any
 
 import numpy as np
 from highway_env.road.lane import AbstractLane, LineType
 from jaxtyping import Bool, Float
 
 from foresight_env.envs.footprints import Footprint, Motion, least_gaps
+from foresight_env.envs.scene import OthersBelief
 from foresight_env.envs.scenery import ASPHALT, STRIPE, Polygon, Scenery
 from foresight_env.envs.world import World
 from foresight_env.highway.axes import flipped_places
+from foresight_env.highway.likely_route import likely_path
 from foresight_env.highway.ranges import DrivingRanges
 from foresight_env.highway.scenes import DrivingScene, draw_driving
 from foresight_env.scenarios.driving import CAR_LENGTH, CAR_WIDTH, SPEED_LIMIT, driving_game
@@ -61,8 +64,22 @@ def driving_world(
         goal_radius=np.full(cars, GOAL_RADIUS),
         footprints=footprints,
         scenery=_scenery(scene),
+        belief=OthersBelief(
+            ("target_speed",), (("target_speed", 2.0),), partial(_on_its_way, scene)
+        ),
         off_road=lambda states: off_road(scene, states),
     )
+
+
+def _on_its_way(
+    scene: DrivingScene,
+    own: dict[str, Any],
+    track: Float[np.ndarray, "K 2"],
+    state: Float[np.ndarray, "4"],
+) -> dict[str, Any]:
+    """The ego's weights, the likely path along the roads, and the speed it has."""
+    path = likely_path(scene, track, float(state[3]))
+    return {**own, "path": path, "goal": path[-1, :2], "target_speed": float(state[2])}
 
 
 @lru_cache

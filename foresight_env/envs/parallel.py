@@ -67,6 +67,7 @@ class WorldParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
             limit,
             world.names,
             tuple(float(radius) for radius in world.goal_radius),
+            world.belief,
         )
         indices = self._scene.controlled
         factory = checks.check_behaviour(behaviour)

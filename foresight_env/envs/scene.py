@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from copy import deepcopy
 from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple
 
+import numpy as np
 from gymnasium.error import ResetNeeded
 from jaxtyping import Array, Float
 
@@ -43,6 +44,31 @@ def own_first(observation: Observation, game: Game, player: int) -> ObservationM
     return ObservationModel(_InOrder(model, order), owners)
 
 
+class OthersBelief(NamedTuple):
+    """What may be believed of another player before anything but its track is known."""
+
+    free: tuple[str, ...]
+    """Entries of its `theta` that are worth estimating."""
+    deviation: tuple[tuple[str, float], ...]
+    """Of those, by how much a first guess may be off (standard deviations)."""
+    guess: Callable[
+        [dict[str, Any], Float[np.ndarray, "K 2"], Float[np.ndarray, "4"]], dict[str, Any]
+    ]
+    """From the ego's own `theta`, the other's recent positions (the newest last, m) and its present
+    state: the other's `theta`. What is not in `free` may be guessed anew at every step."""
+
+
+def _stays(
+    own: dict[str, Any], track: Float[np.ndarray, "K 2"], state: Float[np.ndarray, "4"]
+) -> dict[str, Any]:
+    """The same weights, and a goal where it is."""
+    return {**own, "goal": np.array(track[-1])}
+
+
+GOALS = OthersBelief(("goal",), (("goal", 3.0),), _stays)
+"""Others have the ego's weights and unknown goals."""
+
+
 @dataclass(frozen=True)
 class Scene:
     """An environment as its agents may know it; a new one for each episode."""
@@ -59,6 +85,8 @@ class Scene:
     """Of all players' agents."""
     goal_radius: tuple[float, ...]
     """Per player, distance from its goal within which an agent has reached it, m."""
+    belief: OthersBelief = field(default=GOALS, repr=False)
+    """What everybody may believe of others."""
     _own: Mapping[int, Own] = field(default_factory=dict, repr=False)
 
     @property

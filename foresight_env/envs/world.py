@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from foresight_env.envs.footprints import Footprint
+from foresight_env.envs.scene import GOALS, OthersBelief
 from foresight_env.envs.scenery import Scenery
 from foresight_env.games import Game
 from foresight_env.scenarios.situation import Situation
@@ -45,6 +46,8 @@ class World:
     """Distance from its goal within which an agent has reached it, m."""
     footprints: tuple[Footprint, ...]
     scenery: Scenery
+    belief: OthersBelief = GOALS
+    """What agents may believe of others."""
     off_road: Callable[[Float[np.ndarray, "N n"]], Bool[np.ndarray, "N"]] = nobody
     """Who is where nobody may be."""
 

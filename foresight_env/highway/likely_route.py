@@ -1,0 +1,118 @@
+"""Which way a car is likely to go on, from where it has been: what roads tell everybody."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from jaxtyping import Float
+
+from foresight_env.highway.axes import flipped_places
+from foresight_env.highway.routes import POINTS, SPACING, LaneIndex, Leg, path_along
+from foresight_env.highway.scenes import DrivingScene
+
+BESIDE = 2.5
+"""A car that is farther beside a lane's middle is not on it, m."""
+SLACK = 3.0
+"""Beyond a lane's ends it is still on it for so long, m."""
+ROUTE = 150.0
+"""Length of a route, m."""
+STRAIGHTNESS = 0.05
+"""Price of turning by a radian, in m^2 of mean squared offset: where nothing speaks for a turn, the
+straightest way is the likely one."""
+
+_PATHS: dict[tuple[str, tuple[LaneIndex, ...]], Float[np.ndarray, "M 4"]] = {}
+
+
+def likely_path(
+    scene: DrivingScene, track: Float[np.ndarray, "K 2"], heading: float
+) -> Float[np.ndarray, "M 4"]:
+    """The path along lanes that fits a car's observed positions best, the straightest of several.
+
+    Args:
+        scene: whose roads are known.
+        track: (K, 2) positions, the newest last, m; none missing.
+        heading: present heading, rad; NaN where it is not known.
+
+    Returns:
+        Points `[px, py, heading, curvature]`; straight on where the car is on no lane.
+    """
+    candidates = [
+        _path(scene, lanes)
+        for start in _lanes_at(scene, track[0])
+        for lanes in _routes(scene, start)
+    ]
+    scored = [(_misfit(path, track, heading), k) for k, path in enumerate(candidates)]
+    if not scored or min(scored)[0] > BESIDE**2:
+        return _straight_on(track, heading)
+    return candidates[min(scored)[1]]
+
+
+def _lanes_at(scene: DrivingScene, place: Float[np.ndarray, "2"]) -> Iterator[LaneIndex]:
+    there = flipped_places(place)
+    for index, lane in scene.network.lanes_dict().items():
+        along, beside = lane.local_coordinates(there)
+        if abs(beside) <= BESIDE and -SLACK <= along <= lane.length + SLACK:
+            yield index
+
+
+def _routes(scene: DrivingScene, start: LaneIndex) -> Iterator[tuple[LaneIndex, ...]]:
+    """All sequences of lanes from `start` on, until they are long enough or end."""
+    graph = scene.network.graph
+    waiting: list[tuple[tuple[LaneIndex, ...], float]] = [
+        ((start,), scene.network.get_lane(start).length)
+    ]
+    while waiting:
+        lanes, length = waiting.pop()
+        _, node, number = lanes[-1]
+        following = [
+            (node, to, min(number, len(several) - 1)) for to, several in graph.get(node, {}).items()
+        ]
+        if not following or length > ROUTE:
+            yield lanes
+            continue
+        for lane in following:
+            waiting.append(((*lanes, lane), length + scene.network.get_lane(lane).length))
+
+
+def _path(scene: DrivingScene, lanes: tuple[LaneIndex, ...]) -> Float[np.ndarray, "M 4"]:
+    key = scene.name, lanes
+    if key not in _PATHS:
+        _PATHS[key] = path_along(scene.network, [Leg(lane) for lane in lanes])
+    return _PATHS[key]
+
+
+def _misfit(
+    path: Float[np.ndarray, "M 4"], track: Float[np.ndarray, "K 2"], heading: float
+) -> float:
+    """Mean squared offset (m^2), a heading that differs, and the turning that is still to come."""
+    away = track[:, None] - path[:, :2]
+    nearest = np.argmin(np.sum(away**2, axis=2), axis=1)
+    foot = path[nearest]
+    offset = np.cos(foot[:, 2]) * (track[:, 1] - foot[:, 1]) - np.sin(foot[:, 2]) * (
+        track[:, 0] - foot[:, 0]
+    )
+    along = np.cos(foot[:, 2]) * (track[:, 0] - foot[:, 0]) + np.sin(foot[:, 2]) * (
+        track[:, 1] - foot[:, 1]
+    )
+    beyond = np.maximum(np.abs(along) - 1.5, 0.0)
+    cost = float(np.mean(offset**2 + beyond**2))
+    if not np.isnan(heading):
+        askew = np.mod(heading - foot[-1, 2] + np.pi, 2.0 * np.pi) - np.pi
+        cost += float(2.0 * askew**2)
+    ahead = path[nearest[-1] : nearest[-1] + LOOK_AHEAD, 2]
+    return cost + STRAIGHTNESS * float(np.abs(np.diff(ahead)).sum())
+
+
+LOOK_AHEAD = 20
+"""Points of a path whose turning counts."""
+
+
+def _straight_on(track: Float[np.ndarray, "K 2"], heading: float) -> Float[np.ndarray, "M 4"]:
+    """Along the heading, or along the track where that is not known."""
+    if np.isnan(heading):
+        way = track[-1] - track[0]
+        heading = float(np.arctan2(way[1], way[0]))
+    aim = np.array([np.cos(heading), np.sin(heading)])
+    places = track[0] + SPACING * np.arange(POINTS)[:, None] * aim
+    return np.column_stack([places, np.full(POINTS, heading), np.zeros(POINTS)])
