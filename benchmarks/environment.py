@@ -76,7 +76,7 @@ def run(setting: Setting) -> list[Result]:
                 }
             )
     note = (
-        f"{episodes} episodes of up to {EPISODE} steps, resets included, 25, 15 and 11 stages planned; "
-        f"medians of 3 runs, one process. {yardstick.note}"
+        f"{episodes} episodes of up to {EPISODE} steps, resets included; planned are 25, 15 and 11 "
+        f"stages; medians of 3 runs, one process. {yardstick.note}"
     )
     return [Result("Environment", note, rows).show(setting.console)]

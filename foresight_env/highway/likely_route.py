@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Float
@@ -21,7 +22,10 @@ STRAIGHTNESS = 0.05
 """Price of turning by a radian, in m^2 of mean squared offset: where nothing speaks for a turn, the
 straightest way is the likely one."""
 
-_PATHS: dict[tuple[str, tuple[LaneIndex, ...]], Float[np.ndarray, "M 4"]] = {}
+BEHIND = 15.0
+"""How much of its lane behind the car a path has at least, m."""
+GRID = 10.0
+"""Paths begin at multiples of this along a lane, m, so that there are few to be remembered."""
 
 
 def likely_path(
@@ -38,8 +42,8 @@ def likely_path(
         Points `[px, py, heading, curvature]`; straight on where the car is on no lane.
     """
     candidates = [
-        _path(scene, lanes)
-        for start in _lanes_at(scene, track[0])
+        _path(scene, lanes, begin)
+        for start, begin in _lanes_at(scene, track[0])
         for lanes in _routes(scene, start)
     ]
     scored = [(_misfit(path, track, heading), k) for k, path in enumerate(candidates)]
@@ -48,12 +52,15 @@ def likely_path(
     return candidates[min(scored)[1]]
 
 
-def _lanes_at(scene: DrivingScene, place: Float[np.ndarray, "2"]) -> Iterator[LaneIndex]:
+def _lanes_at(
+    scene: DrivingScene, place: Float[np.ndarray, "2"]
+) -> Iterator[tuple[LaneIndex, float]]:
+    """Lanes that the place is on, and where on them a path from a little behind it begins, m."""
     there = flipped_places(place)
     for index, lane in scene.network.lanes_dict().items():
         along, beside = lane.local_coordinates(there)
         if abs(beside) <= BESIDE and -SLACK <= along <= lane.length + SLACK:
-            yield index
+            yield index, max(0.0, GRID * np.floor((along - BEHIND) / GRID))
 
 
 def _routes(scene: DrivingScene, start: LaneIndex) -> Iterator[tuple[LaneIndex, ...]]:
@@ -75,11 +82,14 @@ def _routes(scene: DrivingScene, start: LaneIndex) -> Iterator[tuple[LaneIndex, 
             waiting.append(((*lanes, lane), length + scene.network.get_lane(lane).length))
 
 
-def _path(scene: DrivingScene, lanes: tuple[LaneIndex, ...]) -> Float[np.ndarray, "M 4"]:
-    key = scene.name, lanes
-    if key not in _PATHS:
-        _PATHS[key] = path_along(scene.network, [Leg(lane) for lane in lanes])
-    return _PATHS[key]
+@lru_cache(maxsize=512)
+def _path(
+    scene: DrivingScene, lanes: tuple[LaneIndex, ...], begin: float
+) -> Float[np.ndarray, "M 4"]:
+    first, *rest = lanes
+    path = path_along(scene.network, [Leg(first, begin), *(Leg(lane) for lane in rest)])
+    path.flags.writeable = False
+    return path
 
 
 def _misfit(

@@ -9,7 +9,7 @@ from highway_env.road.road import Road
 from highway_env.vehicle.behavior import IDMVehicle
 from highway_env.vehicle.kinematics import Vehicle
 
-from agents import make_ego
+from agents import Foresight, make_ego
 from foresight_env.envs import driving_v0
 from foresight_env.envs.drivers import IdmDrivers, RecordedDrivers
 from foresight_env.envs.motion import advance
@@ -145,8 +145,8 @@ def test_every_car_its_own_driver():
 
 @pytest.mark.parametrize("ego", ["oracle", "constant-velocity"])
 def test_egos_drive(ego):
-    """Both turn left among two cars that play the game, to the goal and without a collision."""
-    env = driving_v0.parallel_env(cars=2, planning_horizon=11, noise_std=0.05, max_steps=70)
+    """They turn left before a car that plays the game, to the goal and without a collision."""
+    env = driving_v0.parallel_env(cars=2, noise_std=0.05, max_steps=70)
     policy = make_ego(ego)
     observations, infos = env.reset(seed=3)
     memory = policy.init(env.scene, "car_0")
@@ -157,11 +157,22 @@ def test_egos_drive(ego):
     assert infos["car_0"]["is_success"]
 
 
-def test_egos_that_cannot_drive_say_so():
+def test_foresight_infers_on_the_road():
+    """A short window: every decision is solved, and says what is known of the other car."""
     env = driving_v0.parallel_env(**SHORT)
-    env.reset(seed=0)
-    with pytest.raises(ValueError, match="scene: has cars, whose paths the ego 'foresight' cannot"):
-        make_ego("foresight").init(env.scene, "car_0")
+    policy = Foresight(window=4, ahead=2)
+    observations, infos = env.reset(seed=3)
+    memory = policy.init(env.scene, "car_0")
+    for step in range(6):
+        memory = policy.update(memory, observations["car_0"], infos["car_0"])
+        decision, memory = policy.act(memory)
+        assert not decision.failed
+        assert step == 0 or 0.0 <= decision.gammas[1][0] <= 1.0
+        observations, _, _, _, infos = env.step({"car_0": decision.action})
+    # The oncoming car drives straight on: so it is thought to.
+    path = memory.state.theta[1]["path"]
+    ahead = infos["car_0"]["state"][1, :2] + np.array([0.0, -10.0])
+    assert np.linalg.norm(path[:, :2] - ahead, axis=1).min() < 1.0
 
 
 def test_leaving_the_road_ends_the_episode():
