@@ -157,22 +157,25 @@ def test_egos_drive(ego):
     assert infos["car_0"]["is_success"]
 
 
-def test_foresight_infers_on_the_road():
-    """A short window: every decision is solved, and says what is known of the other car."""
-    env = driving_v0.parallel_env(**SHORT)
-    policy = Foresight(window=4, ahead=2)
+def test_what_the_foresight_ego_believes_of_others():
+    """From the first observation on: the way along the road, the speed it has, its own weights."""
+    env = driving_v0.parallel_env(noise_std=0.0, **SHORT)
+    policy = Foresight()
     observations, infos = env.reset(seed=3)
     memory = policy.init(env.scene, "car_0")
-    for step in range(6):
-        memory = policy.update(memory, observations["car_0"], infos["car_0"])
-        decision, memory = policy.act(memory)
-        assert not decision.failed
-        assert step == 0 or 0.0 <= decision.gammas[1][0] <= 1.0
-        observations, _, _, _, infos = env.step({"car_0": decision.action})
-    # The oncoming car drives straight on: so it is thought to.
-    path = memory.state.theta[1]["path"]
-    ahead = infos["car_0"]["state"][1, :2] + np.array([0.0, -10.0])
-    assert np.linalg.norm(path[:, :2] - ahead, axis=1).min() < 1.0
+    memory = policy.update(memory, observations["car_0"], infos["car_0"])
+    own, other = memory.state.theta
+    truth = infos["car_0"]
+    state = truth["state"][1]
+    assert other["target_speed"] == pytest.approx(state[2], abs=1e-4)
+    assert other["collision_weight"] == own["collision_weight"]
+    np.testing.assert_array_equal(own["path"], truth["theta"]["path"][0])
+    # The oncoming car drives straight on, and so it is thought to.
+    for ahead in (5.0, 20.0, 40.0):
+        place = state[:2] + np.array([0.0, -ahead])
+        assert np.linalg.norm(other["path"][:, :2] - place, axis=1).min() < 1.1
+    assert memory.estimator.game.horizon == policy.window - 1 + 2  # three fifths of four stages
+    assert [f.theta for f in memory.estimator.free] == [(), ("target_speed",)]
 
 
 def test_leaving_the_road_ends_the_episode():
