@@ -265,7 +265,9 @@ def recorded_encounter(encounter: Encounter, forecasts: Sequence[Judged], path: 
             compared = window.present[:, a, None]
             line: Any = np.concatenate([start, np.where(compared, path_to[:, a], np.nan)])
             axes.plot(
-                *line.T, ".-", ms=3, lw=1.2, color=COLOURS[found.predictor],
+                # Wider, since the others often lie on top of it.
+                *line.T, ".-", ms=3, lw=3.0 if found.predictor == "foresight" else 1.2,
+                color=COLOURS[found.predictor],
                 label=told if a == 0 else None,
             )  # fmt: skip
     _metres(axes)
