@@ -119,7 +119,7 @@ def run(
     scenario: Annotated[Scenario, typer.Argument(help="Which scenario.")],
     ego: Annotated[
         str,
-        typer.Option(callback=_check_ego, help=f"{EGO_HELP} Cars: oracle, constant-velocity."),
+        typer.Option(callback=_check_ego, help=EGO_HELP),
     ] = "foresight",
     seed: Annotated[int, typer.Option(min=0, help="Episode.")] = 0,
     scene: Annotated[Scene, typer.Option(help="Of driving.")] = Scene.LEFT_TURN,

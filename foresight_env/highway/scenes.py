@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -221,11 +221,3 @@ _ROUNDABOUT = DrivingScene(
 
 SCENES = {scene.name: scene for scene in (_LEFT_TURN, _MERGE, _LANE_CHANGE, _ROUNDABOUT)}
 """By name."""
-
-
-@lru_cache
-def scene_named(name: str) -> DrivingScene:
-    """A scene; `ValueError` lists the names."""
-    if name not in SCENES:
-        raise ValueError(f"scene: is {name!r}; expected one of {', '.join(SCENES)}")
-    return SCENES[name]

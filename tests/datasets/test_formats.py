@@ -17,6 +17,7 @@ from foresight_env.datasets import (
     read_dut,
     read_ind,
     read_ucy,
+    recordings_below,
     write_dut,
     write_ind,
     write_ucy,
@@ -272,3 +273,25 @@ def test_unknown_format_is_refused(tmp_path: Path) -> None:
         open_recording(tmp_path / "absent.csv")
     with pytest.raises(RecordingError, match="holds no recording"):
         open_recording(tmp_path)
+
+
+def test_recordings_are_found_in_folders(tmp_path: Path) -> None:
+    """Every one once, in whatever folder, ready to be opened; a file is itself."""
+    for source in SOURCES:
+        (tmp_path / source).mkdir()
+        write(random_recording(source, 1), tmp_path / source)
+    (tmp_path / "ucy" / "deeper").mkdir()
+    (file,) = write(random_recording("ucy", 2), tmp_path / "ucy" / "deeper")
+    found = recordings_below(tmp_path)
+    assert [(place.name, name) for place, name in found] == [
+        ("dut", "clip"),
+        ("ind", "07"),
+        ("ucy", "zara"),
+        ("deeper", "zara"),
+    ]
+    sources = [open_recording(place, recording=name).source for place, name in found]
+    assert sources == ["dut", "ind", "ucy", "ucy"]
+    assert recordings_below(file) == ((file, None),)
+    (tmp_path / "nothing").mkdir()
+    with pytest.raises(RecordingError, match="holds no recording"):
+        recordings_below(tmp_path / "nothing")

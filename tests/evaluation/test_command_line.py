@@ -7,11 +7,19 @@ from PIL import Image
 from typer.testing import CliRunner
 
 import evaluation.command_line as command_line
-from agents import EGOS
-from evaluation.command_line import EGO_NAMES, app
+from agents import EGOS, PREDICTORS
+from evaluation.command_line import EGO_NAMES, PREDICTOR_NAMES, Scene, app
 from evaluation.sample import write_sample
+from foresight_env.highway.scenes import SCENES
 
-COMMANDS = ("run", "evaluate crosswalk", "evaluate intersection", "estimate", "demo")
+COMMANDS = (
+    "run",
+    "evaluate crosswalk",
+    "evaluate intersection",
+    "evaluate prediction",
+    "estimate",
+    "demo",
+)
 
 
 @pytest.fixture(scope="module")
@@ -54,6 +62,41 @@ def test_help_of_everything():
     assert result.exit_code == 0
     assert all(command.split()[0] in result.stdout for command in COMMANDS)
     assert tuple(EGOS) == EGO_NAMES
+    assert tuple(PREDICTORS) == PREDICTOR_NAMES
+    assert [scene.value for scene in Scene] == list(SCENES)
+
+
+def test_predictions_on_recordings(tmp_path, sample):
+    out = tmp_path / "out"
+    arguments = ("evaluate", "prediction", "--data", sample.parent, "--workers", 0, "--out", out)
+    refused(call(*arguments, "--predictors", "magic"), "--predictors: 'magic' is unknown")
+    assert not out.exists()
+    told = call(*arguments, "--predictors", "constant-velocity,constant-turn-rate")
+    assert told.exit_code == 0, told.output
+    assert "DUT, test: predictions" in told.stdout
+    with Image.open(out / "error_over_time.png") as picture:
+        assert picture.width > 100
+    refused(call(*arguments, "--split", "development"), "nobody interacts")
+
+
+def test_runs_that_there_are_not(tmp_path):
+    out = tmp_path / "out"
+    for arguments, told in (
+        (("crosswalk", "--behaviour", "idm"), "--behaviour: idm drives cars"),
+        (("intersection", "--players", 3), "--players: the intersection has two"),
+    ):
+        refused(call("run", *arguments, "--out", out), told)
+    assert not out.exists()
+
+
+def test_a_drive_is_drawn(tmp_path):
+    out = tmp_path / "out"
+    arguments = ("--ego", "constant-velocity", "--behaviour", "idm", "--players", 2)
+    told = call("run", "driving", *arguments, "--scene", "lane_change", "--out", out)
+    assert told.exit_code == 0, told.output
+    assert "lane change, seed 0" in told.stdout
+    with Image.open(out / "episode.gif") as film:
+        assert film.n_frames > 20
 
 
 def test_a_missing_file(tmp_path):

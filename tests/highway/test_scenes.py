@@ -8,7 +8,7 @@ from foresight_env.highway.axes import flipped_places
 from foresight_env.highway.networks import crossing
 from foresight_env.highway.ranges import DrivingRanges
 from foresight_env.highway.routes import POINTS, SPACING, Leg, path_along
-from foresight_env.highway.scenes import MOST_CARS, SCENES, draw_driving, scene_named
+from foresight_env.highway.scenes import MOST_CARS, SCENES, draw_driving
 
 ALL = [(name, k) for name in SCENES for k in range(MOST_CARS)]
 
@@ -92,8 +92,3 @@ def test_lanes_drive_on_the_right():
         ahead = -np.array(outward, dtype=float)
         right = np.array([ahead[1], -ahead[0]])
         assert place @ right == pytest.approx(4.0)
-
-
-def test_an_unknown_scene():
-    with pytest.raises(ValueError, match="scene: is 'moon'; expected one of left_turn, merge"):
-        scene_named("moon")
