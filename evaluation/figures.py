@@ -224,7 +224,7 @@ def gamma_over_time(
     path: Path,
 ) -> Path:
     """Inferred discount factors of one episode with 90 % intervals."""
-    figure = Figure(figsize=(6.0, 3.2), layout="constrained")
+    figure = Figure(figsize=(8.0, 3.2), layout="constrained")
     axes = figure.subplots()
     for j in sorted({j for g in gammas for j in g}):
         known = [(t, *g[j]) for t, g in zip(times, gammas, strict=True) if j in g]
@@ -239,7 +239,7 @@ def gamma_over_time(
     axes.set_ylim(0.0, 1.05)
     axes.set_xlabel("time [s]")
     axes.set_ylabel("discount factor gamma")
-    axes.legend(fontsize=8)
+    figure.legend(fontsize=8, loc="outside right upper")
     return save(figure, path)
 
 

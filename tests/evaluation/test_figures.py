@@ -52,7 +52,7 @@ def test_gamma_over_time(tmp_path):
     known = [{}, {1: (0.8, 0.2)}, {1: (0.7, 0.1)}]
     path = tmp_path / "new" / "gammas.png"
     drawn = figures.gamma_over_time([0.0, 0.1, 0.2], known, np.array([0.9, 0.7]), path)
-    check(drawn, 6.0, 3.2)
+    check(drawn, 8.0, 3.2)
 
 
 def test_a_small_heatmap(tmp_path):
