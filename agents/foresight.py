@@ -55,7 +55,7 @@ class Foresight:
     ahead: int | None = None
     """Stages after the window in the estimated game; None: three fifths of the planning horizon."""
     prior: Prior = Prior(gamma_weight=4.0, gamma_center=1.0)
-    """A weak belief: discount factors 1 +- 0.5. What is believed of `theta` the scene says."""
+    """Discount factors 1 +- 0.5: a weak belief. Where it is silent on `theta`, the scene is not."""
 
     def init(self, scene: Scene, agent: str | int) -> ForesightMemory:
         """See `EgoPolicy`."""
@@ -71,7 +71,10 @@ class Foresight:
             free,
             max(scene.noise_std**2, LEAST_VARIANCE),
             self.window,
-            replace(self.prior, theta_deviation=scene.belief.deviation),
+            replace(
+                self.prior,
+                theta_deviation=self.prior.theta_deviation or scene.belief.deviation,
+            ),
             aging=self.aging,
         )
         return ForesightMemory(

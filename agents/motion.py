@@ -56,7 +56,7 @@ def present_state(
     player: int,
     dt: float,
 ) -> Float[np.ndarray, "4"]:
-    """A player's state now by straight, even motion through its observed positions.
+    """A player's state now (m, m/s, rad) by straight, even motion through its positions.
 
     Where one observation is all there is, and it shows the whole state, that is the state.
     """

@@ -15,6 +15,7 @@ from foresight_env.envs.drivers import IdmDrivers, RecordedDrivers
 from foresight_env.envs.motion import advance
 from foresight_env.highway.axes import flipped_controls, flipped_states
 from foresight_env.highway.scenes import SCENES
+from foresight_env.inverse import Prior
 from foresight_env.scenarios.driving import driving_game, player_theta
 
 SHORT = {"cars": 2, "planning_horizon": 4}
@@ -173,6 +174,10 @@ def test_what_the_foresight_ego_believes_of_others():
         assert np.linalg.norm(other["path"][:, :2] - place, axis=1).min() < 1.1
     assert memory.estimator.game.horizon == policy.window - 1 + 2  # three fifths of four stages
     assert [f.theta for f in memory.estimator.free] == [(), ("target_speed",)]
+    assert memory.estimator.prior.theta_deviation == env.scene.belief.deviation
+    surer = (("target_speed", 0.5),)
+    stated = Foresight(prior=Prior(theta_deviation=surer)).init(env.scene, "car_0")
+    assert stated.estimator.prior.theta_deviation == surer
 
 
 def test_leaving_the_road_ends_the_episode():
