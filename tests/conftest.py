@@ -1,10 +1,13 @@
 """Shared by all tests."""
 
+import gc
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import jax
 import matplotlib
+import pytest
 
 # No test opens a window.
 matplotlib.use("Agg")
@@ -20,3 +23,17 @@ jax.config.update(
     "jax_persistent_cache_min_compile_time_secs",
     float(os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"]),
 )
+
+MOST_MEMORY_MAPS = 20_000
+"""Memory maps of this process above which compiled programs are forgotten. Each holds a few dozen;
+Linux grants a process 65530, and XLA ends it when there are no more."""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def forget_compiled_programs() -> Iterator[None]:
+    """What a file's tests compiled is not kept for ever: see `MOST_MEMORY_MAPS`."""
+    yield
+    maps = Path("/proc/self/maps")
+    if maps.exists() and maps.read_bytes().count(b"\n") > MOST_MEMORY_MAPS:
+        jax.clear_caches()
+        gc.collect()

@@ -17,6 +17,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from foresight_env.equilibrium.layout import Layout
@@ -158,20 +159,25 @@ def linearise(
             total -= jnp.sum(price * values)
         return total
 
-    def pseudo_gradient(w, t, at, scale, mult, row_share):
-        x_parts, u_parts = [], []
-        for i in range(len(game.players)):
-            slope = jax.grad(lagrangian, argnums=2)(i, t, w, at, scale, mult, row_share)
-            x_part, u_part = layout.split(slope)
-            x_parts.append(x_part[i])
-            u_parts.append(u_part[i])
-        gradient = jnp.concatenate([*x_parts, *u_parts])
-        return gradient, gradient
+    def own_rows(i, t, w, scale, mult, row_share):
+        def slope(v):
+            return jax.grad(lagrangian, argnums=2)(i, t, v, w, scale, mult, row_share)
+
+        own = np.flatnonzero(layout.owner == i)
+        gradient = slope(w)
+        rows = jax.vmap(lambda e: jax.jvp(slope, (w,), (e,))[1])(jnp.eye(w.size)[own])
+        return gradient, rows
 
     def stage(t, w, xp, scale, mult, row_share):
-        hessian, gradient = jax.jacfwd(pseudo_gradient, has_aux=True)(
-            w, t, w, scale, mult, row_share
-        )
+        gx, gu, hx, hu = [], [], [], []
+        for i in range(len(game.players)):
+            gradient, rows = own_rows(i, t, w, scale, mult, row_share)
+            x_part, u_part = layout.split(gradient)
+            size = x_part[i].size
+            gx.append(x_part[i]); gu.append(u_part[i])
+            hx.append(rows[:size]); hu.append(rows[size:])
+        gradient = jnp.concatenate([*gx, *gu])
+        hessian = jnp.concatenate([*hx, *hu])
         a_blocks, b_blocks, nexts = [], [], []
         x_now, u_now = layout.split_states(xp), layout.split_controls(w[layout.n :])
         for i, player in enumerate(game.players):
