@@ -7,12 +7,14 @@ steering acts on the heading.
 
 from __future__ import annotations
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from foresight_env.equilibrium.layout import Layout
+from foresight_env.equilibrium.small_matrices import matrix_product
 
 CONVEX_ABOVE = 1.0
 """Largest entry of the KKT residual above which only the positive part is used."""
@@ -35,24 +37,51 @@ def dynamics_hessian(
         return None
     n, horizon = layout.n, layout.game.horizon
     stages = jnp.arange(1, horizon + 1)
-    total = jnp.zeros((horizon, n + layout.m, n + layout.m), u.dtype)
-    for player, of_x, of_u in zip(
-        layout.game.players, layout.state_slices, layout.control_slices, strict=True
-    ):
+    blocks: dict[int, Array] = {}
+    for i, player in enumerate(layout.game.players):
         if player.dynamics.linear:
             continue
+        of_x, of_u = layout.state_slices[i], layout.control_slices[i]
         size = player.dynamics.state_size
 
         def lagrangian(v, t, costate, dynamics=player.dynamics, size=size):
             return jnp.dot(costate, dynamics(t, v[:size], v[size:]))
 
         own = jnp.concatenate([previous[:, of_x], u[:, of_u]], axis=1)
-        block = jax.vmap(jax.hessian(lagrangian))(own, stages, q[:, of_x])
-        if convex is not None:
-            block = jax.lax.cond(convex, positive_part, lambda b: b, block)
-        place = np.r_[of_x.start : of_x.stop, n + of_u.start : n + of_u.stop]
-        total = total.at[:, place[:, None], place[None, :]].set(block)
+        blocks[i] = jax.vmap(jax.hessian(lagrangian))(own, stages, q[:, of_x])
+    if convex is not None:
+        blocks = jax.lax.cond(convex, _positive_parts, lambda b: b, blocks)
+    total = jnp.zeros((horizon, n + layout.m, n + layout.m), u.dtype)
+    for i, block in blocks.items():
+        total = total + _spread(layout, i, block)
     return total
+
+
+def _spread(layout: Layout, i: int, block: Float[Array, "T k k"]) -> Float[Array, "T w w"]:
+    """Player i's block in its places among everybody's."""
+    of_x, of_u = layout.state_slices[i], layout.control_slices[i]
+    size, w = of_x.stop - of_x.start, layout.n + layout.m
+    first, second = of_x.start, layout.n + of_u.start
+
+    def placed(block: Array, axis: int) -> Array:
+        def pad(part: Array, begin: int) -> Array:
+            widths = [(0, 0)] * block.ndim
+            widths[axis] = (begin, w - begin - part.shape[axis])
+            return jnp.pad(part, widths)
+
+        x_part, u_part = jnp.split(block, [size], axis=axis)
+        return pad(x_part, first) + pad(u_part, second)
+
+    return placed(placed(block, 1), 2)
+
+
+def _positive_parts(blocks: dict[int, Array]) -> dict[int, Array]:
+    """Of all players at once where their blocks are of one size."""
+    sizes = {block.shape[-1] for block in blocks.values()}
+    if len(sizes) > 1:
+        return {i: positive_part(block) for i, block in blocks.items()}
+    positive = positive_part(jnp.stack(list(blocks.values())))
+    return dict(zip(blocks, positive, strict=True))
 
 
 def positive_part(matrix: Float[Array, "*b k k"]) -> Float[Array, "*b k k"]:
@@ -63,8 +92,11 @@ def positive_part(matrix: Float[Array, "*b k k"]) -> Float[Array, "*b k k"]:
     (0.10) wait for ever.
     """
     size = jnp.sqrt(jnp.sum(matrix**2, axis=(-2, -1), keepdims=True))
-    sign = matrix / jnp.where(size > 0.0, size, 1.0)
-    for _ in range(SIGN_STEPS):
-        sign = 1.5 * sign - 0.5 * sign @ sign @ sign
-    magnitude = matrix @ sign
+    begin = matrix / jnp.where(size > 0.0, size, 1.0)
+
+    def step(_: Any, sign: Array) -> Array:
+        return 1.5 * sign - 0.5 * matrix_product(sign, matrix_product(sign, sign))
+
+    sign = jax.lax.fori_loop(0, SIGN_STEPS, step, begin)
+    magnitude = matrix_product(matrix, sign)
     return 0.5 * matrix + 0.25 * (magnitude + jnp.swapaxes(magnitude, -2, -1))

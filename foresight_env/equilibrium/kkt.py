@@ -160,6 +160,11 @@ def linearise(
         return total
 
     def own_rows(i, t, w, scale, mult, row_share):
+        """Player i's gradient, and the rows of its Hessian that belong to its own part of `w`.
+
+        The Hessian is symmetric: rows are columns, one direction of the whole gradient each.
+        """
+
         def slope(v):
             return jax.grad(lagrangian, argnums=2)(i, t, v, w, scale, mult, row_share)
 
@@ -174,8 +179,10 @@ def linearise(
             gradient, rows = own_rows(i, t, w, scale, mult, row_share)
             x_part, u_part = layout.split(gradient)
             size = x_part[i].size
-            gx.append(x_part[i]); gu.append(u_part[i])
-            hx.append(rows[:size]); hu.append(rows[size:])
+            gx.append(x_part[i])
+            gu.append(u_part[i])
+            hx.append(rows[:size])
+            hu.append(rows[size:])
         gradient = jnp.concatenate([*gx, *gu])
         hessian = jnp.concatenate([*hx, *hu])
         a_blocks, b_blocks, nexts = [], [], []

@@ -16,6 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from foresight_env.equilibrium.transitions import Alike
 from foresight_env.games.constraints import Bounds, Equality, Inequality
 from foresight_env.games.costs import Weight, weight_value
 from foresight_env.games.game import Game
@@ -50,6 +51,12 @@ class Layout:
     def m(self) -> int:
         """Joint control size."""
         return sum(self.game.control_sizes)
+
+    @cached_property
+    def alike(self) -> Alike | None:
+        """The players' sizes, where all have the same."""
+        sizes = set(zip(self.game.state_sizes, self.game.control_sizes, strict=True))
+        return Alike(len(self.game.players), *sizes.pop()) if len(sizes) == 1 else None
 
     @cached_property
     def state_owner(self) -> np.ndarray:

@@ -1,0 +1,103 @@
+"""Backward matrix recursion over stages: a Riccati recursion whose Hessian is not symmetric."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax.custom_batching import custom_vmap
+from jaxtyping import Array, Float
+
+from foresight_env.equilibrium.small_matrices import (
+    SMALL_STAGE,
+    eliminate,
+    inverse,
+    matrix_product,
+)
+from foresight_env.equilibrium.transitions import Alike, blocks_of, both_sides
+
+LARGE_PIVOT = 16
+"""Unknowns of a stage beyond its state above which a library call eliminates them faster."""
+
+
+class MatrixRecursion(NamedTuple):
+    """What the backward matrix recursion leaves behind, per stage."""
+
+    value: Float[Array, "T n n"]
+    gain: Float[Array, "T m n"]
+    inverse: Float[Array, "T m m"]
+    back: Float[Array, "T n m"]
+
+
+@lru_cache(maxsize=256)
+def matrix_recursion(alike: Alike | None) -> Any:
+    """The recursion as a function of the stages' matrices; `alike`: see module `transitions`.
+
+    `(hxx (T, n, n), x_rows (T, n, w), direct (T, w, w), transition (T, n, w), rho (T, n))`.
+    """
+
+    @custom_vmap
+    def recursion(
+        hxx: Array, x_rows: Array, direct: Array, transition: Array, rho: Array
+    ) -> MatrixRecursion:
+        """One game: where matrices are small, products are fused with the arithmetic around."""
+        n, w = transition.shape[1:]
+        small = w <= SMALL_STAGE
+        own = small or (alike is not None and w - n <= LARGE_PIVOT)
+        blocks = None if small else alike
+        return _riccati(hxx, x_rows, direct, transition, rho, blocks, own)
+
+    @recursion.def_vmap
+    def recursion_batched(
+        size: int, batched: list[bool], *arguments: Array
+    ) -> tuple[MatrixRecursion, MatrixRecursion]:
+        """Many games at once.
+
+        LAPACK is left out: its batched calls from two threads at once make jaxlib (0.10) wait for
+        ever.
+        """
+
+        def one(*matrices: Array) -> MatrixRecursion:
+            return _riccati(*matrices, None, True)
+
+        axes = tuple(0 if b else None for b in batched)
+        found = jax.vmap(one, in_axes=axes, axis_size=size)(*arguments)
+        return found, MatrixRecursion(True, True, True, True)  # type: ignore[arg-type]
+
+    return recursion
+
+
+def _riccati(
+    hxx: Array,
+    x_rows: Array,
+    direct: Array,
+    transition: Array,
+    rho: Array,
+    alike: Alike | None,
+    own_elimination: bool,
+) -> MatrixRecursion:
+    n = hxx.shape[1]
+    moves = transition if alike is None else blocks_of(alike, transition)
+
+    def step(carry: Array, stage: tuple[Any, ...]) -> tuple[Array, tuple[Array, Array]]:
+        h, above, below, z, r = stage
+        p = h + carry
+        if alike is None:
+            block = matrix_product(z.T, matrix_product(p, z) + above) + below
+        else:
+            block = both_sides(z, p, above) + below
+        if own_elimination:
+            reduced = eliminate(block, n)
+        else:
+            reduced = block[:n, :n] - block[:n, n:] @ jnp.linalg.solve(block[n:, n:], block[n:, :n])
+        return r[:, None] * reduced, (p, block)
+
+    begin = jnp.zeros((n, n), hxx.dtype)
+    stages = (hxx, x_rows, direct, moves, rho)
+    _, (value, block) = jax.lax.scan(step, begin, stages, reverse=True)
+    pivot, right = block[:, n:, n:], block[:, n:, :n]
+    inverted = inverse(pivot) if own_elimination else jnp.linalg.inv(pivot)
+    back = matrix_product(block[:, :n, n:], inverted)
+    return MatrixRecursion(value, -matrix_product(inverted, right), inverted, back)
