@@ -60,7 +60,8 @@ def matrix_recursion(alike: Alike | None) -> Any:
         """
 
         def one(*matrices: Array) -> MatrixRecursion:
-            return _riccati(*matrices, None, True)
+            hxx, x_rows, direct, transition, rho = matrices
+            return _riccati(hxx, x_rows, direct, transition, rho, None, True)
 
         axes = tuple(0 if b else None for b in batched)
         found = jax.vmap(one, in_axes=axes, axis_size=size)(*arguments)
