@@ -49,6 +49,7 @@ class Problem:
         ev = evaluate(layout, pairs, point, parameters, jnp.ones(()), options.barrier)
         eliminated = eliminate_pairs(layout, pairs, on_the_path(pairs, point, jnp.zeros(())))
         self.system: StageSystem = stage_system(layout, point, ev, eliminated)
+        self.sizes = layout.equal_sizes
         self.n, self.m = self.system.b.shape[1:]
         random = np.random.default_rng(0)
         self.r_x, self.r_u, self.defect = (
@@ -58,7 +59,7 @@ class Problem:
 
 def by_stages(problem: Problem, hessian: Float[Array, "T w w"]) -> Float[Array, "T m"]:
     """The library's recursion."""
-    factor = factorise(problem.system._replace(hessian=hessian))
+    factor = factorise(problem.system._replace(hessian=hessian), problem.sizes)
     rest = (problem.r_x, problem.r_u, problem.defect, jnp.zeros(problem.n))
     return solve_stages(factor, *rest, problem.m)[1]
 

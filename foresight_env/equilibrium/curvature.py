@@ -11,6 +11,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from foresight_env.equilibrium.layout import Layout
@@ -53,30 +54,14 @@ def dynamics_hessian(
         blocks = jax.lax.cond(convex, _positive_parts, lambda b: b, blocks)
     total = jnp.zeros((horizon, n + layout.m, n + layout.m), u.dtype)
     for i, block in blocks.items():
-        total = total + _spread(layout, i, block)
+        of_x, of_u = layout.state_slices[i], layout.control_slices[i]
+        place = np.r_[of_x.start : of_x.stop, n + of_u.start : n + of_u.stop]
+        total = total.at[:, place[:, None], place[None, :]].set(block)
     return total
 
 
-def _spread(layout: Layout, i: int, block: Float[Array, "T k k"]) -> Float[Array, "T w w"]:
-    """Player i's block in its places among everybody's."""
-    of_x, of_u = layout.state_slices[i], layout.control_slices[i]
-    size, w = of_x.stop - of_x.start, layout.n + layout.m
-    first, second = of_x.start, layout.n + of_u.start
-
-    def placed(block: Array, axis: int) -> Array:
-        def pad(part: Array, begin: int) -> Array:
-            widths = [(0, 0)] * block.ndim
-            widths[axis] = (begin, w - begin - part.shape[axis])
-            return jnp.pad(part, widths)
-
-        x_part, u_part = jnp.split(block, [size], axis=axis)
-        return pad(x_part, first) + pad(u_part, second)
-
-    return placed(placed(block, 1), 2)
-
-
 def _positive_parts(blocks: dict[int, Array]) -> dict[int, Array]:
-    """Of all players at once where their blocks are of one size."""
+    """Of each player's blocks (T, k, k); of all players at once where these are of one size."""
     sizes = {block.shape[-1] for block in blocks.values()}
     if len(sizes) > 1:
         return {i: positive_part(block) for i, block in blocks.items()}

@@ -137,7 +137,7 @@ def solution_tangent(
     ev = evaluate(layout, pairs, point, fixed, exact, options.barrier)
     # On the path `slack * multiplier` stays what it is.
     eliminated = eliminate_pairs(layout, pairs, on_the_path(pairs, point, jnp.zeros(())))
-    factor = factorise(stage_system(layout, point, ev, eliminated), layout.alike)
+    factor = factorise(stage_system(layout, point, ev, eliminated), layout.equal_sizes)
 
     def conditions(p: Parameters) -> tuple[Array, Array, Array, Array]:
         at = evaluate(layout, pairs, point, p, exact, options.barrier)

@@ -198,7 +198,7 @@ def newton_step(
         convex &= ~local
     condensed = has_condensed_rows(layout)
     system = stage_system(layout, point, ev, eliminated, convex, condensed=condensed)
-    factor = factorise(system, layout.alike)
+    factor = factorise(system, layout.equal_sizes)
     first = direction(layout, pairs, ev, factor, eliminated, linear, condensed=condensed)
 
     def along_the_path() -> Iterate:

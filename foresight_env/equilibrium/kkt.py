@@ -17,7 +17,6 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 
 from foresight_env.equilibrium.layout import Layout
@@ -159,32 +158,28 @@ def linearise(
             total -= jnp.sum(price * values)
         return total
 
-    def own_rows(i, t, w, scale, mult, row_share):
-        """Player i's gradient, and the rows of its Hessian that belong to its own part of `w`.
+    def own_part(i, t, w, scale, mult, row_share):
+        """Player i's gradient (own,) and Hessian rows (own, w) of its own state, of its control.
 
-        The Hessian is symmetric: rows are columns, one direction of the whole gradient each.
+        The Hessian is symmetric: its rows are its columns, each the change of the whole gradient in
+        one of the player's own directions.
         """
 
         def slope(v):
             return jax.grad(lagrangian, argnums=2)(i, t, v, w, scale, mult, row_share)
 
-        own = np.flatnonzero(layout.owner == i)
-        gradient = slope(w)
-        rows = jax.vmap(lambda e: jax.jvp(slope, (w,), (e,))[1])(jnp.eye(w.size)[own])
-        return gradient, rows
+        directions = jnp.eye(w.size)[layout.owner == i]
+        rows = jax.vmap(lambda e: jax.jvp(slope, (w,), (e,))[1])(directions)
+        of_state, of_control = layout.split(slope(w))
+        size = game.state_sizes[i]
+        return (of_state[i], rows[:size]), (of_control[i], rows[size:])
 
     def stage(t, w, xp, scale, mult, row_share):
-        gx, gu, hx, hu = [], [], [], []
-        for i in range(len(game.players)):
-            gradient, rows = own_rows(i, t, w, scale, mult, row_share)
-            x_part, u_part = layout.split(gradient)
-            size = x_part[i].size
-            gx.append(x_part[i])
-            gu.append(u_part[i])
-            hx.append(rows[:size])
-            hu.append(rows[size:])
-        gradient = jnp.concatenate([*gx, *gu])
-        hessian = jnp.concatenate([*hx, *hu])
+        players = range(len(game.players))
+        parts = [own_part(i, t, w, scale, mult, row_share) for i in players]
+        states, controls = zip(*parts, strict=True)
+        gradients, rows = zip(*states, *controls, strict=True)
+        gradient, hessian = jnp.concatenate(gradients), jnp.concatenate(rows)
         a_blocks, b_blocks, nexts = [], [], []
         x_now, u_now = layout.split_states(xp), layout.split_controls(w[layout.n :])
         for i, player in enumerate(game.players):

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from foresight_env.equilibrium.transitions import Alike
+from foresight_env.equilibrium.transitions import EqualSizes
 from foresight_env.games.constraints import Bounds, Equality, Inequality
 from foresight_env.games.costs import Weight, weight_value
 from foresight_env.games.game import Game
@@ -53,10 +53,10 @@ class Layout:
         return sum(self.game.control_sizes)
 
     @cached_property
-    def alike(self) -> Alike | None:
-        """The players' sizes, where all have the same."""
+    def equal_sizes(self) -> EqualSizes | None:
+        """The players' common sizes; None where they differ."""
         sizes = set(zip(self.game.state_sizes, self.game.control_sizes, strict=True))
-        return Alike(len(self.game.players), *sizes.pop()) if len(sizes) == 1 else None
+        return EqualSizes(len(self.game.players), *sizes.pop()) if len(sizes) == 1 else None
 
     @cached_property
     def state_owner(self) -> np.ndarray:

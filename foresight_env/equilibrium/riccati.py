@@ -16,7 +16,7 @@ from foresight_env.equilibrium.small_matrices import (
     inverse,
     matrix_product,
 )
-from foresight_env.equilibrium.transitions import Alike, blocks_of, both_sides
+from foresight_env.equilibrium.transitions import EqualSizes, blocks_of, both_sides
 
 LARGE_PIVOT = 16
 """Unknowns of a stage beyond its state above which a library call eliminates them faster."""
@@ -32,10 +32,12 @@ class MatrixRecursion(NamedTuple):
 
 
 @lru_cache(maxsize=256)
-def matrix_recursion(alike: Alike | None) -> Any:
-    """The recursion as a function of the stages' matrices; `alike`: see module `transitions`.
+def matrix_recursion(sizes: EqualSizes | None) -> Any:
+    """The recursion as a function of the stages' matrices, to a `MatrixRecursion`.
 
-    `(hxx (T, n, n), x_rows (T, n, w), direct (T, w, w), transition (T, n, w), rho (T, n))`.
+    Its arguments, in the words of module `stagewise`: `Hxx` (T, n, n); `[0, Hxu]` (T, n, w); what a
+    stage's unknowns `(dx_t, du_t)` cost directly, whatever comes later (T, w, w); the transition
+    `[A, B]` (T, n, w); rho (T, n).
     """
 
     @custom_vmap
@@ -45,8 +47,8 @@ def matrix_recursion(alike: Alike | None) -> Any:
         """One game: where matrices are small, products are fused with the arithmetic around."""
         n, w = transition.shape[1:]
         small = w <= SMALL_STAGE
-        own = small or (alike is not None and w - n <= LARGE_PIVOT)
-        blocks = None if small else alike
+        own = small or (sizes is not None and w - n <= LARGE_PIVOT)
+        blocks = None if small else sizes
         return _riccati(hxx, x_rows, direct, transition, rho, blocks, own)
 
     @recursion.def_vmap
@@ -76,16 +78,16 @@ def _riccati(
     direct: Array,
     transition: Array,
     rho: Array,
-    alike: Alike | None,
+    sizes: EqualSizes | None,
     own_elimination: bool,
 ) -> MatrixRecursion:
     n = hxx.shape[1]
-    moves = transition if alike is None else blocks_of(alike, transition)
+    moves = transition if sizes is None else blocks_of(sizes, transition)
 
     def step(carry: Array, stage: tuple[Any, ...]) -> tuple[Array, tuple[Array, Array]]:
         h, above, below, z, r = stage
         p = h + carry
-        if alike is None:
+        if sizes is None:
             block = matrix_product(z.T, matrix_product(p, z) + above) + below
         else:
             block = both_sides(z, p, above) + below

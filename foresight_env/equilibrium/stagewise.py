@@ -20,7 +20,7 @@ from jaxtyping import Array, Float
 from foresight_env.equilibrium.recursion import affine_recursion
 from foresight_env.equilibrium.riccati import matrix_recursion
 from foresight_env.equilibrium.small_matrices import matrix_product
-from foresight_env.equilibrium.transitions import Alike
+from foresight_env.equilibrium.transitions import EqualSizes
 
 
 class StageSystem(NamedTuple):
@@ -56,8 +56,12 @@ class Factor(NamedTuple):
     rho: Float[Array, "T n"]
 
 
-def factorise(system: StageSystem, alike: Alike | None = None) -> Factor:
-    """Backward matrix recursion; `alike`: the players' sizes where all have the same."""
+def factorise(system: StageSystem, sizes: EqualSizes | None) -> Factor:
+    """Backward matrix recursion; `sizes`: the players' common ones (`Layout.equal_sizes`).
+
+    With them products with large `a` and `b`, which must then be block-diagonal, are block by
+    block.
+    """
     n = system.a.shape[1]
     transition = jnp.concatenate([system.a, system.b], axis=2)
     x_rows = jnp.concatenate([jnp.zeros_like(system.a), system.hessian[:, :n, n:]], axis=2)
@@ -67,7 +71,7 @@ def factorise(system: StageSystem, alike: Alike | None = None) -> Factor:
     direct = jnp.concatenate([jnp.zeros_like(x_rows), u_rows], axis=1)
     if system.dynamics_hessian is not None:
         direct = direct + system.dynamics_hessian
-    value, gain, inverse, back = matrix_recursion(alike)(
+    value, gain, inverse, back = matrix_recursion(sizes)(
         system.hessian[:, :n, :n], x_rows, direct, transition, system.rho
     )
     transposed = jnp.swapaxes(system.b, 1, 2)

@@ -14,12 +14,12 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 
-class Alike(NamedTuple):
-    """So many players of the same sizes."""
+class EqualSizes(NamedTuple):
+    """Of a game whose players all have states of one size and controls of one size."""
 
     players: int
-    states: int
-    controls: int
+    state: int
+    control: int
 
 
 class Blocks(NamedTuple):
@@ -29,9 +29,9 @@ class Blocks(NamedTuple):
     b: Float[Array, "*T N k c"]
 
 
-def blocks_of(alike: Alike, transition: Float[Array, "T n w"]) -> Blocks:
-    """Out of `[A, B, ...]`; further columns belong to nobody's control and are zero."""
-    count, k, c = alike
+def blocks_of(sizes: EqualSizes, transition: Float[Array, "T n w"]) -> Blocks:
+    """The blocks of `[A, B, 0]`; columns beyond `B` are those of row multipliers."""
+    count, k, c = sizes
     first = count * k
     a = [transition[:, i * k : (i + 1) * k, i * k : (i + 1) * k] for i in range(count)]
     b = [

@@ -30,8 +30,9 @@ def path_offset(path: Float[Array, "M 4"], position: Float[Array, "2"]) -> Scala
     along it; the points near the position are averaged.
 
     What is handed to the caller is the second-order expansion at the position itself: the same
-    value and the same first and second derivatives, found in two directions once, instead of in as
-    many as a game's Newton step has unknowns and as often as a cost or a constraint asks.
+    value and the same first and second derivatives by the position (further ones are zero), found
+    in two directions once, instead of in as many as a game's Newton step has unknowns and as often
+    as a cost or a constraint asks.
     """
     here = jax.lax.stop_gradient(position)
     near = jax.lax.optimization_barrier(_points_near(path, here))
@@ -43,6 +44,7 @@ def path_offset(path: Float[Array, "M 4"], position: Float[Array, "2"]) -> Scala
 
 
 def _points_near(path: Float[Array, "M 4"], place: Float[Array, "2"]) -> Float[Array, "window 4"]:
+    # A selection by position: what is averaged below changes smoothly all the same.
     nearest = jnp.argmin(jnp.sum((path[:, :2] - place) ** 2, axis=1))
     size = min(WINDOW, path.shape[0])
     begin = jnp.clip(nearest - size // 2, 0, path.shape[0] - size)

@@ -24,6 +24,7 @@ from foresight_env.equilibrium.pairs import pairs_of
 from foresight_env.equilibrium.residual import evaluate
 from foresight_env.equilibrium.stagewise import StageSystem, factorise, solve_stages
 from foresight_env.equilibrium.start import begin
+from foresight_env.equilibrium.transitions import EqualSizes
 from foresight_env.equilibrium.validation import check_parameters
 from foresight_env.scenarios.crosswalk import crosswalk_game, nominal_setting
 
@@ -62,7 +63,7 @@ def test_newton_steps(proximity, players):
 
         def beside_the_path(point, ev, linear):
             eliminated = eliminate_pairs(layout, pairs, linear)
-            factor = factorise(stage_system(layout, point, ev, eliminated))
+            factor = factorise(stage_system(layout, point, ev, eliminated), layout.equal_sizes)
             return direction(layout, pairs, ev, factor, eliminated, linear)
 
         same(beside_the_path, point, ev, linear)
@@ -79,12 +80,32 @@ def test_a_stage_system_is_solved(stages, sizes):
     """The recursion's answer against the equations that it solves."""
     n, m, rows = sizes
     random = np.random.default_rng(n * m)
+    a, b = 0.5 * random.normal(size=(stages, n, n)), random.normal(size=(stages, n, m))
+    check_stage_system(random, a, b, rows, None)
+
+
+@pytest.mark.parametrize("rows", [0, 4, 16])
+@pytest.mark.parametrize("players", [2, 3, 4])
+def test_a_stage_system_of_equal_players_is_solved(players, rows):
+    """Nobody moves anybody else; small stages, large ones, and with many rows."""
+    sizes, stages = EqualSizes(players, 4, 2), HORIZONS[0]
+    random = np.random.default_rng(players)
+    own = np.eye(players)
+    a = np.einsum("ij,tiab->tiajb", own, 0.5 * random.normal(size=(stages, players, 4, 4)))
+    b = np.einsum("ij,tiab->tiajb", own, random.normal(size=(stages, players, 4, 2)))
+    a, b = a.reshape(stages, 4 * players, -1), b.reshape(stages, 4 * players, -1)
+    b = np.concatenate([b, np.zeros((stages, 4 * players, rows))], axis=2)
+    check_stage_system(random, a, b, rows, sizes)
+
+
+def check_stage_system(random, a, b, rows, equal_sizes):
+    """A random system with these dynamics, solved and put into its equations."""
+    stages, n, m = b.shape
     w = n + m
     square = random.normal(size=(stages, w, w))
     hessian = square @ square.transpose(0, 2, 1) + 5.0 * np.eye(w)
     hessian += 0.3 * random.normal(size=hessian.shape)
     curvature = 0.1 * random.normal(size=(stages, w, w))
-    a, b = 0.5 * random.normal(size=(stages, n, n)), random.normal(size=(stages, n, m))
     rho, r_x = random.uniform(0.3, 1.0, (stages, n)), random.normal(size=(stages, n))
     r_u, defect = random.normal(size=(stages, m)), random.normal(size=(stages, n))
     dx0 = random.normal(size=n)
@@ -92,7 +113,7 @@ def test_a_stage_system_is_solved(stages, sizes):
         arguments = jax.tree.map(jnp.asarray, (hessian, curvature, a, b, rho, r_x, r_u, defect))
 
         def solved(hessian, curvature, a, b, rho, r_x, r_u, defect):
-            factor = factorise(StageSystem(hessian, curvature, a, b, rho))
+            factor = factorise(StageSystem(hessian, curvature, a, b, rho), equal_sizes)
             return solve_stages(factor, r_x, r_u, defect, jnp.asarray(dx0), m - rows)
 
         dx, first, others = (np.asarray(v) for v in jax.jit(solved)(*arguments))
