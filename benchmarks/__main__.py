@@ -21,6 +21,7 @@ class Study(StrEnum):
 
     FORWARD = "forward"
     BATCH = "batch"
+    ACCELERATOR = "accelerator"
     GROWTH = "growth"
     DERIVATIVES = "derivatives"
     LINEAR_STEP = "linear_step"
