@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import product
 from typing import NamedTuple
 
@@ -12,6 +13,8 @@ from jaxtyping import Float
 
 RESOLUTION = 0.01
 """The smallest gap during a step is known to within this, m."""
+MOST_SPANS = 64
+"""That a step is first cut into; those that may hold the smallest gap are cut again."""
 
 
 @dataclass(frozen=True)
@@ -51,38 +54,38 @@ def gap(
     Negative where they overlap: the least distance by which one must be moved to part them. The set
     of all differences of points is a zonotope, and the origin's distance to it is the gap.
     """
-    halves = []
-    for shape, angle in ((first, heading), (second, other_heading)):
-        forward = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-        side = np.stack([-forward[:, 1], forward[:, 0]], axis=1)
-        halves += [
-            0.5 * size * direction
-            for size, direction in ((shape.length, forward), (shape.width, side))
-            if size > 0.0
-        ]
+    sides = [
+        (0.5 * size, angle + quarter)
+        for shape, angle in ((first, heading), (second, other_heading))
+        for size, quarter in ((shape.length, 0.0), (shape.width, 0.5 * np.pi))
+        if size > 0.0
+    ]
     borders = first.radius + second.radius
-    if not halves:
+    if not sides:
         away: Float[np.ndarray, "K"] = np.linalg.norm(relative, axis=1)
         return away - borders
-    # Outside: the nearest of all edges; those inside the zonotope are never nearest.
-    outside = np.full(len(relative), np.inf)
-    inside = np.full(len(relative), -np.inf)
-    for k, edge in enumerate(halves):
-        rest = halves[:k] + halves[k + 1 :]
-        normal = np.stack([-edge[:, 1], edge[:, 0]], axis=1)
-        normal /= np.linalg.norm(edge, axis=1, keepdims=True)
-        support = sum(
-            (np.abs(np.sum(normal * other, axis=1)) for other in rest), np.zeros(len(relative))
-        )
-        inside = np.maximum(inside, np.abs(np.sum(normal * relative, axis=1)) - support)
-        square = np.sum(edge**2, axis=1)
-        signs = np.array(list(product((-1.0, 1.0), repeat=len(rest))), dtype=float)
-        others = np.stack(rest, axis=1) if rest else np.zeros((len(relative), 0, 2))
-        middles = relative[:, None] + signs @ others
-        along = np.clip(-np.sum(middles * edge[:, None], axis=2) / square[:, None], -1.0, 1.0)
-        nearest = middles + along[..., None] * edge[:, None]
-        outside = np.minimum(outside, np.linalg.norm(nearest, axis=2).min(axis=1))
+    sizes = np.array([size for size, _ in sides])
+    angles = np.stack([angle for _, angle in sides], axis=1)
+    along = np.stack([np.cos(angles), np.sin(angles)], axis=2)
+    edges, normals = sizes[:, None] * along, np.stack([-along[..., 1], along[..., 0]], axis=2)
+    rest, signs = _others(len(sides))
+    # (K, edge, sign): middles of all edges; those inside the zonotope are never nearest.
+    middles = relative[:, None, None] + signs @ edges[:, rest]
+    beside = np.sum(middles * along[:, :, None], axis=3)
+    excess = np.maximum(np.abs(beside) - sizes[:, None], 0.0)
+    across = np.sum(middles * normals[:, :, None], axis=3)
+    outside = np.sqrt((excess**2 + across**2).min(axis=(1, 2)))
+    support = np.abs(np.sum(normals[:, :, None] * edges[:, rest], axis=3)).sum(axis=2)
+    inside = (np.abs(np.sum(normals * relative[:, None], axis=2)) - support).max(axis=1)
     return np.where(inside < 0.0, inside, outside) - borders
+
+
+@lru_cache
+def _others(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Per edge the indices of the others (count, count - 1), and all their signs."""
+    rest = np.array([[j for j in range(count) if j != k] for k in range(count)], dtype=int)
+    signs = np.array(list(product((-1.0, 1.0), repeat=count - 1)), dtype=float)
+    return rest, signs
 
 
 def least_gap(first: Footprint, second: Footprint, motion: Motion, other: Motion) -> float:
@@ -96,7 +99,9 @@ def least_gap(first: Footprint, second: Footprint, motion: Motion, other: Motion
         headings = motion.heading + moments * motion.turn
         return gap(first, second, relative, headings, other.heading + moments * other.turn)
 
-    moments = np.linspace(0.0, 1.0, 5)
+    # Spans short enough that nothing in between can be missed, unless there were too many.
+    count = int(np.clip(np.ceil(0.5 * way / RESOLUTION), 1, MOST_SPANS))
+    moments = np.linspace(0.0, 1.0, count + 1)
     gaps = at(moments)
     while True:
         best = float(gaps.min())
