@@ -17,6 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from foresight_env.equilibrium.convexity import next_convexity, used_convexity
 from foresight_env.equilibrium.implicit import Equilibrium
 from foresight_env.equilibrium.interior_point import (
     Options,
@@ -51,6 +52,9 @@ class _Lane(NamedTuple):
     spent: Int[Array, ""]
     error: Float[Array, ""]
     """That of the point before; infinite at an attempt's start."""
+    convexity: Float[Array, ""]
+    taken: Float[Array, ""]
+    """The part of the last step; none at an attempt's start."""
     point: Iterate
     safe: Iterate
     """The last point at which everything was finite."""
@@ -59,9 +63,9 @@ class _Lane(NamedTuple):
 
 
 def _fresh(number: Array, attempt: Array, spent: Array, point: Iterate) -> _Lane:
-    zero = jnp.zeros((), int)
-    never = jnp.zeros((), bool)
-    return _Lane(number, attempt, zero, spent, jnp.asarray(jnp.inf), point, point, never)
+    zero, nothing = jnp.zeros((), int), jnp.zeros(())
+    begun, never = jnp.asarray(jnp.inf), jnp.zeros((), bool)
+    return _Lane(number, attempt, zero, spent, begun, jnp.ones(()), nothing, point, point, never)
 
 
 def _advance(
@@ -72,10 +76,12 @@ def _advance(
     local = None if cold else lane.attempt == 0
     exact_below = options.exact_below * 10.0 ** jnp.maximum(lane.attempt - 1, 0)
     limit = jnp.asarray(step_limit(layout, options))
-    exact = lane.error < exact_below
     if local is not None:
-        exact, limit = exact | local, jnp.where(local, options.local_steps, limit)
-    ev = evaluate(layout, pairs, lane.point, mine, jnp.where(exact, 0.0, 1.0), accuracy.barrier)
+        exact_below = jnp.where(local, jnp.inf, exact_below)
+        limit = jnp.where(local, options.local_steps, limit)
+    used = used_convexity(lane.convexity, lane.error, exact_below)
+    ev = evaluate(layout, pairs, lane.point, mine, used, accuracy.barrier)
+    convexity = next_convexity(layout, lane.convexity, lane.error, ev.error, lane.taken)
     finite = is_finite(lane.point, ev)
     solved = converged(ev, accuracy) & finite & ~lane.broken
     done = hopeless(layout, lane.point, ev) | (lane.iteration >= limit)
@@ -90,11 +96,14 @@ def _advance(
         lane.spent,
         solved,
     )
-    stepped = newton_step(layout, pairs, lane.point, ev, accuracy.barrier, local)
+    used = used_convexity(convexity, ev.error, exact_below)
+    stepped, taken = newton_step(layout, pairs, lane.point, ev, accuracy.barrier, local, used)
     lane = lane._replace(
         iteration=lane.iteration + 1,
         spent=lane.spent + finite,
         error=ev.error,
+        convexity=convexity,
+        taken=taken,
         point=_choose(finite, stepped, lane.safe),
         safe=_choose(finite, lane.point, lane.safe),
         broken=~finite,

@@ -1,8 +1,7 @@
 """Curvature of nonlinear dynamics: second derivatives of `q' f(x, u)`.
 
-Far from a solution only its positive part is used. Costates are large there, and what they say of
-bends in the dynamics would turn a player's step uphill; without it, nothing tells the method how
-steering acts on the heading.
+Far from a solution only its positive part is used (module `convexity`); without any of it, nothing
+tells the method how steering acts on the heading.
 """
 
 from __future__ import annotations
@@ -12,13 +11,12 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 from foresight_env.equilibrium.layout import Layout
 from foresight_env.equilibrium.small_matrices import matrix_product
+from foresight_env.games.types import Scalar
 
-CONVEX_ABOVE = 1.0
-"""Largest entry of the KKT residual above which only the positive part is used."""
 SIGN_STEPS = 10
 """Newton-Schulz steps: eigenvalues above a twentieth of the matrix norm are told apart by sign."""
 
@@ -28,11 +26,11 @@ def dynamics_hessian(
     previous: Float[Array, "T n"],
     u: Float[Array, "T m"],
     q: Float[Array, "T n"],
-    convex: Bool[Array, ""] | None = None,
+    convexity: Scalar | None = None,
 ) -> Float[Array, "T w w"] | None:
     """Second derivatives of `q_t' f(t, x_t, u_t)` by `(x_t, u_t)`; None for linear dynamics.
 
-    `convex`: whether to keep each player's positive part only (None: no).
+    `convexity`: how much of each player's negative part is left out, in [0, 1] (None: nothing).
     """
     if layout.linear:
         return None
@@ -50,8 +48,14 @@ def dynamics_hessian(
 
         own = jnp.concatenate([previous[:, of_x], u[:, of_u]], axis=1)
         blocks[i] = jax.vmap(jax.hessian(lagrangian))(own, stages, q[:, of_x])
-    if convex is not None:
-        blocks = jax.lax.cond(convex, _positive_parts, lambda b: b, blocks)
+    if convexity is not None:
+
+        def partly_convex(exact: dict[int, Array]) -> dict[int, Array]:
+            return jax.tree.map(
+                lambda b, positive: b + convexity * (positive - b), exact, _positive_parts(exact)
+            )
+
+        blocks = jax.lax.cond(convexity > 0.0, partly_convex, lambda b: b, blocks)
     total = jnp.zeros((horizon, n + layout.m, n + layout.m), u.dtype)
     for i, block in blocks.items():
         of_x, of_u = layout.state_slices[i], layout.control_slices[i]

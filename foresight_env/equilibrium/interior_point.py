@@ -18,9 +18,9 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Int
+from jaxtyping import Array, Bool, Float, Int
 
-from foresight_env.equilibrium.curvature import CONVEX_ABOVE
+from foresight_env.equilibrium.convexity import next_convexity, used_convexity
 from foresight_env.equilibrium.kkt import Iterate, Parameters
 from foresight_env.equilibrium.layout import Layout
 from foresight_env.equilibrium.newton_system import (
@@ -64,7 +64,7 @@ class Options:
     near the equilibrium that it begins at, and suits cars that just fit between others; costs in
     the hundreds want a wide one."""
     exact_below: float = 1e-2
-    """Residual below which curvature of proximity terms and constraints is used exactly."""
+    """Residual below which all curvature is used exactly."""
     local_steps: int = 10
     """Local steps from a similar game's solution, before the path is followed from there."""
     trial_steps: int = 25
@@ -110,6 +110,7 @@ class Loop(NamedTuple):
     evaluation: Evaluation
     iteration: Int[Array, ""]
     finite: Bool[Array, ""]
+    convexity: Float[Array, ""]
 
 
 RUNAWAY_MULTIPLIER = 1e10
@@ -177,8 +178,9 @@ def newton_step(
     ev: Evaluation,
     end: Scalar | float,
     local: Bool[Array, ""] | None,
-) -> Iterate:
-    """The next point on the way to products of `end`.
+    convexity: Scalar,
+) -> tuple[Iterate, Scalar]:
+    """The next point on the way to products of `end`, and the part of the step that was taken.
 
     Mehrotra's predictor, then its corrector; or one full local step.
 
@@ -193,15 +195,12 @@ def newton_step(
 
     linear = on_path() if local is None else jax.lax.cond(local, beside_path, on_path)
     eliminated = eliminate_pairs(layout, pairs, linear)
-    convex = ev.error > CONVEX_ABOVE
-    if local is not None:
-        convex &= ~local
     condensed = has_condensed_rows(layout)
-    system = stage_system(layout, point, ev, eliminated, convex, condensed=condensed)
+    system = stage_system(layout, point, ev, eliminated, convexity, condensed=condensed)
     factor = factorise(system, layout.equal_sizes)
     first = direction(layout, pairs, ev, factor, eliminated, linear, condensed=condensed)
 
-    def along_the_path() -> Iterate:
+    def along_the_path() -> tuple[Iterate, Scalar]:
         primal, dual = step_lengths(pairs, point, first, 1.0)
         average = average_product(pairs, point.slack, point.mult)
         predicted = average_product(
@@ -219,12 +218,13 @@ def newton_step(
         step = direction(layout, pairs, ev, factor, eliminated, target, condensed=condensed)
         fraction = jnp.maximum(0.99, 1.0 - average)
         primal, dual = step_lengths(pairs, point, step, fraction)
-        return driven(layout, ev, factor, advance(point, step, primal, dual), point, step, primal)
+        ahead = advance(point, step, primal, dual)
+        return driven(layout, ev, factor, ahead, point, step, primal), primal
 
     if local is None:
         return along_the_path()
     one = jnp.ones(())
-    return jax.lax.cond(local, lambda: advance(point, first, one, one), along_the_path)
+    return jax.lax.cond(local, lambda: (advance(point, first, one, one), one), along_the_path)
 
 
 def is_finite(point: Iterate, ev: Evaluation) -> Bool[Array, ""]:
@@ -260,18 +260,20 @@ def iterate(
         exact_below = jnp.where(local, jnp.inf, exact_below)
 
     def body(loop: Loop) -> Loop:
-        point = newton_step(layout, pairs, loop.point, loop.evaluation, accuracy.barrier, local)
+        before = loop.evaluation
         # The next linearisation's curvature is chosen by the present error: one evaluation a step.
-        convexity = jnp.where(loop.evaluation.error < exact_below, 0.0, 1.0)
-        ev = evaluate(layout, pairs, point, parameters, convexity, accuracy.barrier)
+        used = used_convexity(loop.convexity, before.error, exact_below)
+        point, taken = newton_step(layout, pairs, loop.point, before, accuracy.barrier, local, used)
+        ev = evaluate(layout, pairs, point, parameters, used, accuracy.barrier)
+        convexity = next_convexity(layout, loop.convexity, before.error, ev.error, taken)
         finite = is_finite(point, ev)
         # A step that overflowed is not taken: what is returned says how far the method came.
         point, ev = jax.tree.map(
             lambda new, old: jnp.where(finite, new, old),
             (point, ev),
-            (loop.point, loop.evaluation),
+            (loop.point, before),
         )
-        return Loop(point, ev, loop.iteration + 1, finite)
+        return Loop(point, ev, loop.iteration + 1, finite, convexity)
 
     def unfinished(loop: Loop) -> Bool[Array, ""]:
         return (
@@ -283,8 +285,7 @@ def iterate(
 
     convexity = jnp.where(exact_below == jnp.inf, 0.0, 1.0)
     first = evaluate(layout, pairs, start, parameters, convexity, accuracy.barrier)
-    loop = jax.lax.while_loop(
-        unfinished, body, Loop(start, first, jnp.zeros((), int), is_finite(start, first))
-    )
+    begin = Loop(start, first, jnp.zeros((), int), is_finite(start, first), convexity)
+    loop = jax.lax.while_loop(unfinished, body, begin)
     error = jnp.where(loop.finite, loop.evaluation.error, jnp.inf)
     return loop.point, loop.evaluation._replace(error=error), loop.iteration

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 from foresight_env.equilibrium.curvature import dynamics_hessian
 from foresight_env.equilibrium.kkt import Iterate
@@ -89,20 +89,20 @@ def stage_system(
     point: Iterate,
     ev: Evaluation,
     eliminated: Eliminated,
-    convex: Bool[Array, ""] | None = None,
+    convexity: Scalar | None = None,
     *,
     condensed: bool = False,
 ) -> StageSystem:
     """The linear system with slacks and bound multipliers eliminated.
 
-    `convex`: whether to use the positive part of the dynamics' curvature only (None: no);
+    `convexity`: how much of the dynamics' curvature that is not convex is left out (None: nothing);
     `condensed`: whether row multipliers are eliminated too.
     """
     lin = ev.lin
     diagonal = eliminated.ratios.low + eliminated.ratios.high
     eye = jnp.eye(diagonal.shape[1], dtype=bool)
     hessian = lin.hessian + jnp.where(eye, diagonal[:, :, None], 0.0)
-    curvature = dynamics_hessian(layout, lin.previous, point.u, ev.q, convex)
+    curvature = dynamics_hessian(layout, lin.previous, point.u, ev.q, convexity)
     b = lin.b
     if condensed:
         weighted = lin.jacobian / eliminated.softness[:, :, None]
