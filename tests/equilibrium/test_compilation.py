@@ -69,7 +69,7 @@ def test_newton_steps(proximity, players):
         same(beside_the_path, point, ev, linear)
 
         def stepped(point, ev):
-            return newton_step(layout, pairs, point, ev, options.barrier, None)
+            return newton_step(layout, pairs, point, ev, options.barrier, None, jnp.ones(()))[0]
 
         same(stepped, point, ev)
 

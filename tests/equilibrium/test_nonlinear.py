@@ -82,11 +82,13 @@ def test_curvature_of_dynamics_is_the_second_derivative():
 
     places = jnp.concatenate([previous, u], axis=1)
     np.testing.assert_allclose(found, jax.vmap(jax.hessian(value))(places, q), atol=1e-12)
-    convex = dynamics_hessian(layout, previous, u, q, jnp.asarray(True))
+    convex = dynamics_hessian(layout, previous, u, q, jnp.asarray(1.0))
     least = np.linalg.eigvalsh(np.asarray(convex)).min()
     assert least > -0.05 * np.abs(np.asarray(found)).max()
-    kept = dynamics_hessian(layout, previous, u, q, jnp.asarray(False))
+    kept = dynamics_hessian(layout, previous, u, q, jnp.asarray(0.0))
     np.testing.assert_array_equal(kept, found)
+    between = dynamics_hessian(layout, previous, u, q, jnp.asarray(0.25))
+    np.testing.assert_allclose(between, 0.25 * convex + 0.75 * found, atol=1e-12)
 
 
 def test_a_driven_step_without_gain_is_a_rollout_within_bounds():
