@@ -21,11 +21,21 @@ EGOS: dict[str, Callable[[], EgoPolicy[Any]]] = {
 }
 
 
+def _idm() -> EgoPolicy[Any]:
+    from agents.idm import Idm  # loads highway-env, which the other egos do without
+
+    return Idm()
+
+
+DRIVING_EGOS: dict[str, Callable[[], EgoPolicy[Any]]] = {**EGOS, "idm": _idm}
+"""All egos; those beyond `EGOS` drive cars along paths only."""
+
+
 def make_ego(name: str) -> EgoPolicy[Any]:
     """The registered ego of that name; `ValueError` lists the names."""
-    if name not in EGOS:
-        raise ValueError(f"ego: {name!r} is unknown; choose from {', '.join(EGOS)}")
-    return EGOS[name]()
+    if name not in DRIVING_EGOS:
+        raise ValueError(f"ego: {name!r} is unknown; choose from {', '.join(DRIVING_EGOS)}")
+    return DRIVING_EGOS[name]()
 
 
 PREDICTORS: dict[str, Callable[[], Predictor]] = {
