@@ -9,8 +9,17 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from evaluation import closed_loop, estimation, intersection_study, junction_sample, prediction
+from evaluation import (
+    closed_loop,
+    driving_study,
+    estimation,
+    intersection_study,
+    junction_sample,
+    prediction,
+)
 from evaluation.closed_loop import INFERRING, ClosedLoop, episode, summarise
+from evaluation.driving_report import distances_over_time, print_driving
+from evaluation.driving_study import DrivingSetting
 from evaluation.episode_pictures import draw_episode
 from evaluation.figures import (
     closed_loop_summary,
@@ -135,6 +144,27 @@ def evaluate_crosswalk(
         pictures.append(objective_heatmap(values, out / "heatmap.png"))
     for path in pictures:
         _tell(console, path)
+
+
+def evaluate_driving(
+    episodes: int,
+    scenes: tuple[str, ...],
+    others: tuple[str, ...],
+    egos: tuple[str, ...],
+    setting: DrivingSetting,
+    workers: int | None,
+    out: Path,
+) -> None:
+    """`foresight evaluate driving`."""
+    console = Console()
+    rows = driving_study.study(
+        out / "episodes", scenes, others, egos, range(episodes), setting, workers=workers
+    )
+    print_driving(console, rows, scenes, others, egos)
+    for scene in scenes:
+        for other in others:
+            path = out / f"{scene}_{other}.png"
+            _tell(console, distances_over_time(rows, scene, other, egos, path))
 
 
 def _trial(console: Console, out: Path) -> Path:

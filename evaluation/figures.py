@@ -30,6 +30,7 @@ COLOURS = {
     "constant-velocity": "#009E73",
     "constant-turn-rate": "#56B4E9",
     "oracle": "#CC79A7",
+    "idm": "#E69F00",
 }
 LABELS = {
     "foresight": "gamma inferred",
@@ -37,6 +38,7 @@ LABELS = {
     "constant-velocity": "constant velocity",
     "constant-turn-rate": "constant turn rate",
     "oracle": "oracle",
+    "idm": "IDM",
 }
 AGENTS = tuple("#{:02X}{:02X}{:02X}".format(*colour) for colour in AGENT_COLOURS)
 """As in the pictures of the environment."""

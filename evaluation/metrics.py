@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from jaxtyping import Bool, Float
 
@@ -77,3 +79,44 @@ def missed(
     agents = np.arange(present.shape[1])
     gap = np.linalg.norm(predicted[last, agents] - truth[last, agents], axis=1)
     return np.asarray((last >= 0) & (gap > MISS_DISTANCE))
+
+
+STANDING = 0.1
+"""Slower than this a car counts as standing, m/s."""
+
+
+def at_fault(states: Float[np.ndarray, "N 4"], ego: int) -> bool:
+    """Whether the ego caused a contact: it moved, and the nearest other was ahead of its middle.
+
+    Who is hit from behind, or stands, is not at fault (Caesar et al., "NuPlan", 2021, in short).
+    `states`: `[px, py, v, psi]` when the contact was found, m, m/s, rad.
+    """
+    away = states[:, :2] - states[ego, :2]
+    distance = np.linalg.norm(away, axis=1)
+    distance[ego] = np.inf
+    ahead = away[int(np.argmin(distance))] @ [np.cos(states[ego, 3]), np.sin(states[ego, 3])]
+    return bool(states[ego, 2] > STANDING and ahead > 0.0)
+
+
+class Comfort(NamedTuple):
+    """How a ride feels; root mean squares over an episode."""
+
+    acceleration: float
+    """Along the car, m/s^2."""
+    jerk: float
+    """Its change, m/s^3."""
+    lateral: float
+    """Acceleration across the car, `v` times the yaw rate, m/s^2."""
+
+
+def comfort(states: Float[np.ndarray, "K 4"], dt: float) -> Comfort:
+    """Of one car's `[px, py, v, psi]` at even times; at least three of them, or NaN."""
+    if len(states) < 3:
+        return Comfort(np.nan, np.nan, np.nan)
+    acceleration = np.diff(states[:, 2]) / dt
+    across = states[:-1, 2] * np.diff(states[:, 3]) / dt
+
+    def size(values: Float[np.ndarray, "L"]) -> float:
+        return float(np.sqrt(np.mean(values**2)))
+
+    return Comfort(size(acceleration), size(np.diff(acceleration) / dt), size(across))

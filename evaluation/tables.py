@@ -20,7 +20,7 @@ from foresight_env.envs.style import INTERVAL_DEVIATIONS
 from foresight_env.scenarios.crosswalk import DT
 
 
-def _pm(interval: Interval | None, digits: int = 2) -> str:
+def mean_and_half(interval: Interval | None, digits: int = 2) -> str:
     """Mean and the larger half of its interval: short enough for a narrow terminal."""
     if interval is None or not np.isfinite(interval.mean):
         return "-"
@@ -40,10 +40,10 @@ def print_closed_loop(console: Console, summaries: Sequence[Summary], rows: Sequ
         "collisions": [str(s.collisions) for s in summaries],
         "goal reached": [str(s.reached) for s in summaries],
         "timed out": [str(s.time_outs) for s in summaries],
-        "min distance [m]": [_pm(s.min_distance) for s in summaries],
+        "min distance [m]": [mean_and_half(s.min_distance) for s in summaries],
         "smallest of all [m]": [f"{s.smallest_distance:.2f}" for s in summaries],
-        "time to goal [s]": [_pm(s.time_to_goal) for s in summaries],
-        "cost, unharmed": [_pm(s.cost, 1) for s in summaries],
+        "time to goal [s]": [mean_and_half(s.time_to_goal) for s in summaries],
+        "cost, unharmed": [mean_and_half(s.cost, 1) for s in summaries],
         "decision p50 [ms]": [f"{s.latency_median:.0f}" for s in summaries],
         "decision p99 [ms]": [f"{s.latency_p99:.0f}" for s in summaries],
         "failed plans": [str(s.failed_plans) for s in summaries],
@@ -71,7 +71,10 @@ def print_closed_loop(console: Console, summaries: Sequence[Summary], rows: Sequ
         if other != "foresight":
             cost = paired_difference(list(rows), "foresight", other, "cost", with_collisions=False)
             distance = paired_difference(list(rows), "foresight", other, "min_distance")
-            console.print(f"  {LABELS[other]}: cost {_pm(cost, 1)}, min distance {_pm(distance)} m")
+            console.print(
+                f"  {LABELS[other]}: cost {mean_and_half(cost, 1)}, min distance "
+                f"{mean_and_half(distance)} m"
+            )
 
 
 FAR_BELOW = 0.5
@@ -158,7 +161,8 @@ def print_encounters(
             average = mean_interval(np.array([f[k].average_error for _, f in results]))
             final = mean_interval(np.array([f[k].final_error for _, f in results]))
             console.print(
-                f"{LABELS.get(name, name)}: mean ADE {_pm(average)} m, mean FDE {_pm(final)} m"
+                f"{LABELS.get(name, name)}: mean ADE {mean_and_half(average)} m, mean FDE "
+                f"{mean_and_half(final)} m"
             )
 
 
