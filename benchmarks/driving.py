@@ -1,86 +1,96 @@
-"""Egos that turn left among cars that play the game, or that highway-env drives."""
+"""Egos that turn left, merge, change lanes and go round: safety, goals and time per decision."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
-from itertools import islice, product
-from multiprocessing import get_context
-from typing import Any
+import tempfile
+from collections.abc import Iterator, Sequence
+from itertools import product
 
-import numpy as np
-
+from agents.registry import DRIVING_EGOS
 from benchmarks.report import Result, Row, Setting
 from benchmarks.timing import Yardstick
-from evaluation.closed_loop import WARM_UP_STEPS, episode
-from evaluation.run_setting import RunSetting
-from evaluation.trials import available_workers, single_threaded
+from evaluation.driving_report import OTHERS
+from evaluation.driving_study import (
+    COLLISION,
+    OFF_ROAD,
+    REACHED,
+    DrivingSetting,
+    paired,
+    study,
+    summarise,
+)
+from foresight_env.highway.scenes import SCENES
 
-EGOS = ("oracle", "foresight", "farsighted", "constant-velocity")
 BEHAVIOURS = ("receding", "idm")
-SEEDS = 4
-"""The full study of all scenes is another matter; these take minutes."""
-
-Trial = tuple[str, str, int]
+SEEDS = 6
+"""The paper has 50; `foresight evaluate driving --episodes 50` runs them."""
 
 
-def drive(trial: Trial) -> dict[str, Any]:
-    """One episode of `left_turn` with four cars."""
-    ego, behaviour, seed = trial
-    setting = RunSetting("driving", behaviour=behaviour)
-    for _ in islice(episode(setting.make(), ego, seed, setting.gammas), WARM_UP_STEPS):
-        pass
-    steps = list(episode(setting.make(), ego, seed, setting.gammas))
-    last = steps[-1].info
-    places = np.stack([*(s.state[:, :2] for s in steps), last["state"][:, :2]])
-    return {
-        "trial": trial,
-        "collision": last["collision"],
-        "reached": last["is_success"],
-        "time": last["time"],
-        "gap": last["min_distance"],
-        "centre": float(np.linalg.norm(places[:, 1:] - places[:, :1], axis=2).min()),
-        "latencies": [1e3 * s.latency for s in steps],
-        "failed": sum(s.decision.failed for s in steps),
-    }
-
-
-def rows_of(found: list[dict[str, Any]]) -> Iterator[Row]:
-    """A line per kind of other drivers and ego."""
-    for behaviour, ego in product(BEHAVIOURS, EGOS):
-        mine = [f for f in found if f["trial"][:2] == (ego, behaviour)]
-        latencies = np.concatenate([f["latencies"] for f in mine])
-        reached = [f["time"] for f in mine if f["reached"]]
+def rows_of(rows: Sequence[Row], scenes: Sequence[str]) -> Iterator[Row]:
+    """A line per scene, kind of other drivers and ego."""
+    for scene, others, ego in product(scenes, BEHAVIOURS, DRIVING_EGOS):
+        found = summarise(rows, scene, others, ego)
+        if found is None:
+            continue
         yield {
-            "others": behaviour,
+            "scene": scene,
+            "others": OTHERS[others],
             "ego": ego,
-            "episodes": len(mine),
-            "collisions": sum(f["collision"] for f in mine),
-            "goal reached": sum(f["reached"] for f in mine),
-            "smallest gap of boxes [m]": f"{min(f['gap'] for f in mine):.2f}",
-            "smallest distance of middles, mean (least) [m]": (
-                f"{np.mean([f['centre'] for f in mine]):.1f} ({min(f['centre'] for f in mine):.1f})"
+            "episodes": found.episodes,
+            "collisions (at fault)": f"{found.ends[COLLISION]} ({found.faults})",
+            "off road": found.ends[OFF_ROAD],
+            "goal reached": found.ends[REACHED],
+            "gap of boxes, mean (least) [m]": f"{found.gap.mean:.2f} ({found.least_gap:.2f})",
+            "middles apart, mean (least) [m]": (
+                f"{found.distance.mean:.1f} ({found.least_distance:.1f})"
             ),
-            "time to goal [s]": f"{np.mean(reached):.2f}" if reached else "-",
-            "failed plans": sum(f["failed"] for f in mine),
-            "decision p50, p99 [ms]": (
-                f"{np.percentile(latencies, 50):.0f}, {np.percentile(latencies, 99):.0f}"
-            ),
+            "time to goal [s]": f"{found.time.mean:.2f}",
+            "failed plans, fits": f"{found.failed_plans}, {found.failed_fits}",
+            "decision p50, p99 [ms]": f"{found.latencies[0]:.0f}, {found.latencies[1]:.0f}",
         }
 
 
-def run(setting: Setting) -> list[Result]:
-    """The study; `quick` has one seed."""
-    yardstick = Yardstick.measure()
-    seeds = range(1 if setting.quick else SEEDS)
-    trials = [(e, b, s) for b, e, s in product(BEHAVIOURS, EGOS, seeds)]
-    with ProcessPoolExecutor(
-        available_workers(), get_context("spawn"), initializer=single_threaded
-    ) as pool:
-        found = list(pool.map(drive, trials))
+def differences(rows: Sequence[Row], scenes: Sequence[str]) -> Iterator[Row]:
+    """Foresight minus the other egos on the same seeds."""
+    for scene, others, other in product(scenes, BEHAVIOURS, DRIVING_EGOS):
+        found = None if other == "foresight" else paired(rows, scene, others, "foresight", other)
+        if found is not None:
+            yield {
+                "scene": scene,
+                "others": OTHERS[others],
+                "minus": other,
+                "collisions": f"{found.collisions:+d}",
+                "gap of boxes [m]": "{:.2f} ({:.2f} to {:.2f})".format(*found.gap),
+                "time to goal [s]": "{:.2f} ({:.2f} to {:.2f})".format(*found.time),
+            }
+
+
+def tables(rows: Sequence[Row], scenes: Sequence[str], told: str) -> list[Result]:
+    """Both tables; `told`: the yardstick's note."""
+    seeds = len({row["seed"] for row in rows})
     note = (
-        f"Scene left_turn, 4 cars, full states with noise std 0.1, seeds 0 to {len(seeds) - 1}; "
-        "gammas of others uniform in (0.7, 1). 50 steps at most. One process per core at work. "
-        f"{yardstick.note}"
+        f"4 cars, full states with noise std 0.1, seeds 0 to {seeds - 1}; discount factors of "
+        "others uniform in (0.7, 1), the ego's 0.95. Time to goal: the time limit where it was not "
+        f"reached. One process per core at work. {told}"
     )
-    return [Result("Driving: the left turn", note, list(rows_of(found))).show(setting.console)]
+    paired_note = "Means and 95 % bootstrap intervals over seeds; few seeds make them narrow."
+    return [
+        Result("Driving: egos among other cars", note, list(rows_of(rows, scenes))),
+        Result("Driving: foresight minus others", paired_note, list(differences(rows, scenes))),
+    ]
+
+
+def run(setting: Setting) -> list[Result]:
+    """The study; `quick` has one seed of the left turn."""
+    yardstick = Yardstick.measure()
+    scenes = ("left_turn",) if setting.quick else tuple(SCENES)
+    with tempfile.TemporaryDirectory() as folder:
+        rows = study(
+            folder,
+            scenes,
+            BEHAVIOURS,
+            tuple(DRIVING_EGOS),
+            range(1 if setting.quick else SEEDS),
+            DrivingSetting(),
+        )
+    return [result.show(setting.console) for result in tables(rows, scenes, yardstick.note)]

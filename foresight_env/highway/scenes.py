@@ -138,7 +138,7 @@ _LEFT_TURN = DrivingScene(
     "left_turn",
     networks.crossing,
     (
-        Journey(_over("south", "west", 104.0), 14.0, 6.0, 9.0, 50.0),
+        Journey(_over("south", "west", 104.0), 14.0, 6.0, 9.0, 46.0),
         Journey(_over("north", "south", 80.0), 30.0, 10.0, 10.0, 90.0),
         Journey(_over("north", "west", 80.0), 14.0, 8.0, 8.0, 75.0),
         Journey(_over("south", "north", 88.0), 14.0, 6.0, 9.0, 60.0),

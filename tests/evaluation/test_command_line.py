@@ -8,7 +8,8 @@ from typer.testing import CliRunner
 
 import evaluation.command_line as command_line
 from agents import EGOS, PREDICTORS
-from evaluation.command_line import EGO_NAMES, PREDICTOR_NAMES, Scene, app
+from agents.registry import DRIVING_EGOS
+from evaluation.command_line import DRIVING_EGO_NAMES, EGO_NAMES, PREDICTOR_NAMES, Scene, app
 from evaluation.sample import write_sample
 from foresight_env.highway.scenes import SCENES
 
@@ -17,6 +18,7 @@ COMMANDS = (
     "evaluate crosswalk",
     "evaluate intersection",
     "evaluate prediction",
+    "evaluate driving",
     "estimate",
     "demo",
 )
@@ -62,6 +64,7 @@ def test_help_of_everything():
     assert result.exit_code == 0
     assert all(command.split()[0] in result.stdout for command in COMMANDS)
     assert tuple(EGOS) == EGO_NAMES
+    assert tuple(DRIVING_EGOS) == DRIVING_EGO_NAMES
     assert tuple(PREDICTORS) == PREDICTOR_NAMES
     assert [scene.value for scene in Scene] == list(SCENES)
 
@@ -84,6 +87,7 @@ def test_runs_that_there_are_not(tmp_path):
     for arguments, told in (
         (("crosswalk", "--behaviour", "idm"), "--behaviour: idm drives cars"),
         (("intersection", "--players", 3), "--players: the intersection has two"),
+        (("crosswalk", "--ego", "idm"), "--ego: idm drives cars"),
     ):
         refused(call("run", *arguments, "--out", out), told)
     assert not out.exists()
@@ -97,6 +101,28 @@ def test_a_drive_is_drawn(tmp_path):
     assert "lane change, seed 0" in told.stdout
     with Image.open(out / "episode.gif") as film:
         assert film.n_frames > 20
+
+
+def test_egos_among_cars(tmp_path):
+    """One episode each; what is there already is not run again, and nothing else is mixed in."""
+    out = tmp_path / "out"
+    arguments = ("evaluate", "driving", "--episodes", 1, "--cars", 2, "--workers", 0, "--out", out)
+    refused(call(*arguments, "--egos", "magic"), "--egos: 'magic' is unknown")
+    refused(call(*arguments, "--scenes", "moon"), "--scenes: 'moon' is unknown")
+    assert not out.exists()
+    arguments = (*arguments, "--scenes", "merge", "--others", "idm")
+    told = call(*arguments, "--egos", "constant-velocity")
+    assert told.exit_code == 0, told.output
+    assert "merge, IDM/MOBIL cars" in told.stdout
+    parts = sorted((out / "episodes").glob("part-*.parquet"))
+    told = call(*arguments, "--egos", "idm,constant-velocity")
+    assert told.exit_code == 0, told.output
+    found = sorted((out / "episodes").glob("part-*.parquet"))
+    assert found[: len(parts)] == parts
+    assert len(found) == len(parts) + 1  # the new ego's
+    with Image.open(out / "merge_idm.png") as picture:
+        assert picture.width > 100
+    refused(call(*arguments, "--noise-std", 0.2), "another configuration")
 
 
 def test_a_missing_file(tmp_path):

@@ -6,7 +6,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from evaluation.metrics import displacement, displacement_until, missed, trajectory_error
+from evaluation.metrics import (
+    at_fault,
+    comfort,
+    displacement,
+    displacement_until,
+    missed,
+    trajectory_error,
+)
 from evaluation.statistics import mean_interval
 
 FINITE = st.floats(-1e3, 1e3)
@@ -55,6 +62,25 @@ def test_missed_by_hand():
     present = np.array([[True, True, True, False], [True, True, False, False]])
     truth[~present] = np.nan
     assert missed(predicted, truth, present).tolist() == [False, True, True, False]
+
+
+def test_who_is_at_fault():
+    ego, ahead, far = [0.0, 0.0, 5.0, np.pi / 2], [0.5, 4.0, 0.0, 0.0], [-9.0, 0.0, 9.0, 0.0]
+    assert at_fault(np.array([ego, ahead, far]), 0)
+    assert not at_fault(np.array([ahead, ego, far]), 0)  # who stands
+    behind = [0.0, -4.0, 9.0, np.pi / 2]
+    assert not at_fault(np.array([ego, behind, far]), 0)
+    assert at_fault(np.array([behind, ego, far]), 0)
+
+
+def test_comfort_of_even_motions():
+    times = 0.1 * np.arange(20)
+    zeros = np.zeros(20)
+    braking = np.stack([zeros, zeros, 8.0 - 2.0 * times, zeros], axis=1)
+    np.testing.assert_allclose(comfort(braking, 0.1), (2.0, 0.0, 0.0), atol=1e-9)
+    circling = np.stack([zeros, zeros, zeros + 5.0, 0.3 * times], axis=1)
+    np.testing.assert_allclose(comfort(circling, 0.1), (0.0, 0.0, 1.5), atol=1e-9)
+    assert np.isnan(comfort(circling[:2], 0.1)).all()
 
 
 def test_nobody_present():
