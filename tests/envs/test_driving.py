@@ -216,3 +216,23 @@ def test_several_scenes_live_side_by_side():
 def test_wrong_arguments(arguments, told):
     with pytest.raises(ValueError, match=told):
         driving_v0.parallel_env(**arguments)
+
+
+def test_processes_of_their_own_change_nothing():
+    """Started by `spawn`: a forked process of one that has used JAX waits for ever."""
+    chosen = {"num_envs": 2, "scene": "merge", "behaviour": "idm", **SHORT}
+
+    def walked(mode, settings):
+        envs = gymnasium.make_vec(
+            "foresight/Driving-v0", vectorization_mode=mode, vector_kwargs=settings, **chosen
+        )
+        envs.reset(seed=3)
+        steps = [envs.step(np.zeros(envs.action_space.shape, np.float32))[:4] for _ in range(3)]
+        envs.close()
+        return steps
+
+    together = walked("sync", {})
+    apart = walked("async", {"context": "spawn"})
+    for one, other in zip(together, apart, strict=True):
+        for a, b in zip(one, other, strict=True):
+            np.testing.assert_array_equal(a, b)
