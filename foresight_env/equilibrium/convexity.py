@@ -15,7 +15,7 @@ import jax.numpy as jnp
 from foresight_env.equilibrium.layout import Layout
 from foresight_env.games.types import Scalar
 
-FALL, RISE = 0.7, 20.0
+FALL, RISE = 0.8, 20.0
 """Factors of the convexity after a good and after a bad step."""
 FULL, CUT = 0.95, 0.5
 """Parts of a step above which it counts as full, and below which as bad."""
