@@ -9,19 +9,18 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from agents.motion import FIT_STEPS, extrapolate, present_state
+from agents.motion import extrapolate
+from agents.perception import Perception
 from agents.planning import Plan, plan_response
 from agents.policy import Decision
 from foresight_env.envs.scene import Scene
 
 
 class ConstantVelocityMemory(NamedTuple):
-    """Recent observations and the last plan."""
+    """What was seen, and the last plan."""
 
-    scene: Scene
-    ego: int
-    observations: tuple[Float[np.ndarray, "size"], ...]
-    plan: Plan | None
+    perception: Perception
+    plan: Plan | None = None
 
 
 @dataclass(frozen=True)
@@ -32,7 +31,7 @@ class ConstantVelocity:
 
     def init(self, scene: Scene, agent: str | int) -> ConstantVelocityMemory:
         """See `EgoPolicy`."""
-        return ConstantVelocityMemory(scene, scene.index(agent), (), None)
+        return ConstantVelocityMemory(Perception(scene, scene.index(agent)))
 
     def update(
         self,
@@ -41,21 +40,12 @@ class ConstantVelocity:
         info: Mapping[str, Any],
     ) -> ConstantVelocityMemory:
         """See `EgoPolicy`."""
-        seen = np.asarray(observation[:-2], dtype=float)
-        return memory._replace(observations=(*memory.observations, seen)[-FIT_STEPS:])
+        return memory._replace(perception=memory.perception.taking(observation))
 
     def act(self, memory: ConstantVelocityMemory) -> tuple[Decision, ConstantVelocityMemory]:
         """See `EgoPolicy`."""
-        scene, ego = memory.scene, memory.ego
-        model = scene.observation_model(ego)
-        if not memory.observations:
-            raise ValueError("memory: holds no observation yet; call update before act")
-        seen = np.stack(memory.observations)
-        players = scene.game.players
-        states = [
-            present_state(player.dynamics, model, seen, j, scene.dt)
-            for j, player in enumerate(players)
-        ]
+        scene, ego = memory.perception.scene, memory.perception.ego
+        players, states = scene.game.players, memory.perception.states()
         predicted = {
             j: extrapolate(players[j].dynamics, state, scene.game.horizon, scene.dt)
             for j, state in enumerate(states)
@@ -65,4 +55,4 @@ class ConstantVelocity:
         decision, plan = plan_response(
             scene, ego, states[ego], own.theta, own.gamma, predicted, memory.plan
         )
-        return decision, memory._replace(plan=plan)
+        return decision, ConstantVelocityMemory(memory.perception.acted(decision.action), plan)

@@ -15,6 +15,7 @@ from jaxtyping import Float
 
 from agents.constant_velocity import ConstantVelocity, ConstantVelocityMemory
 from agents.motion import player_positions, present_state
+from agents.own_state import observation_variance
 from agents.planning import Plan, plan_equilibrium
 from agents.policy import Decision
 from foresight_env.envs.scene import Scene
@@ -22,8 +23,6 @@ from foresight_env.inverse import Free, OnlineEstimator, OnlineState, Prior
 
 AHEAD_PART = 0.6
 """Of the planning horizon, how much the estimated game looks ahead."""
-LEAST_VARIANCE = 1e-6
-"""Variance (m^2) that noise-free observations are given: equilibria are not exact models."""
 
 
 class ForesightMemory(NamedTuple):
@@ -35,7 +34,7 @@ class ForesightMemory(NamedTuple):
     state: OnlineState | None
     plan: Plan | None
     early: ConstantVelocityMemory
-    """What to do until there is an estimate."""
+    """What to do until there is an estimate; its perception knows the ego's own state."""
     stale: bool = False
     """Whether the latest update kept the estimate before it."""
 
@@ -69,7 +68,7 @@ class Foresight:
             replace(scene.game, horizon=self.window - 1 + ahead),
             scene.observation_model(ego),
             free,
-            max(scene.noise_std**2, LEAST_VARIANCE),
+            observation_variance(scene),
             self.window,
             replace(
                 self.prior,
@@ -133,6 +132,10 @@ class Foresight:
         if state is None or state.estimate is None or state.present is None:
             decision, early = ConstantVelocity().act(memory.early)
             return replace(decision, predicted={}), memory._replace(early=early)
+        perception = memory.early.perception
+        present = list(state.present)
+        if perception.own.mean is not None:
+            present[ego] = perception.own.mean
         found = state.estimate
         spread = state.gamma_deviation
         gammas = {
@@ -146,14 +149,15 @@ class Foresight:
         decision, plan = plan_equilibrium(
             scene,
             ego,
-            state.present,
+            present,
             found.theta,
             found.gamma,
             memory.plan,
             gammas,
             [controls, None],
         )
-        return replace(decision, stale=memory.stale), memory._replace(plan=plan)
+        early = memory.early._replace(perception=perception.acted(decision.action))
+        return replace(decision, stale=memory.stale), memory._replace(plan=plan, early=early)
 
 
 def farsighted() -> Foresight:

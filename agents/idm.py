@@ -18,7 +18,7 @@ from highway_env.vehicle.behavior import IDMVehicle
 from highway_env.vehicle.kinematics import Vehicle
 from jaxtyping import Float
 
-from agents.motion import FIT_STEPS, present_state
+from agents.perception import Perception
 from agents.policy import Decision
 from foresight_env.envs.scene import Scene
 from foresight_env.highway.axes import flipped_controls, flipped_places, flipped_states
@@ -28,12 +28,10 @@ LANE = ("begin", "end", 0)
 
 
 class IdmMemory(NamedTuple):
-    """The path as a road, and recent observations."""
+    """What was seen, and the path as a road."""
 
-    scene: Scene
-    ego: int
+    perception: Perception
     network: RoadNetwork
-    observations: tuple[Float[np.ndarray, "size"], ...]
 
 
 @dataclass(frozen=True)
@@ -54,29 +52,18 @@ class Idm:
         network = RoadNetwork()
         places = flipped_places(np.asarray(own["path"])[:, :2])
         network.add_lane(*LANE[:2], PolyLaneFixedWidth([tuple(p) for p in places.tolist()]))
-        return IdmMemory(scene, ego, network, ())
+        return IdmMemory(Perception(scene, ego), network)
 
     def update(
         self, memory: IdmMemory, observation: Float[np.ndarray, "size"], info: Mapping[str, Any]
     ) -> IdmMemory:
         """See `EgoPolicy`."""
-        seen = np.asarray(observation[:-2], dtype=float)
-        return memory._replace(observations=(*memory.observations, seen)[-FIT_STEPS:])
+        return memory._replace(perception=memory.perception.taking(observation))
 
     def act(self, memory: IdmMemory) -> tuple[Decision, IdmMemory]:
         """See `EgoPolicy`."""
-        scene, ego = memory.scene, memory.ego
-        if not memory.observations:
-            raise ValueError("memory: holds no observation yet; call update before act")
-        model, seen = scene.observation_model(ego), np.stack(memory.observations)
-        states = flipped_states(
-            np.stack(
-                [
-                    present_state(player.dynamics, model, seen, j, scene.dt)
-                    for j, player in enumerate(scene.game.players)
-                ]
-            )
-        )
+        scene, ego = memory.perception.scene, memory.perception.ego
+        states = flipped_states(np.stack(memory.perception.states()))
         road = Road(memory.network, [], np_random=np.random.RandomState(0))
         own = IDMVehicle(
             road,
@@ -99,4 +86,5 @@ class Idm:
         box = scene.game.players[ego].control_bounds
         if box is not None:
             action = np.clip(action, box.lower[0], box.upper[0])
-        return Decision(action.astype(np.float32)), memory
+        perception = memory.perception.acted(action)
+        return Decision(action.astype(np.float32)), memory._replace(perception=perception)
