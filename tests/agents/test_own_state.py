@@ -83,7 +83,8 @@ def test_nothing_is_known_before_two_positions():
     second = follow_own_state(scene, 0, model, first.acted(np.zeros(2)), np.ones(model.size))
     np.testing.assert_allclose(second.mean, [1.0, 1.0, 1.0 / scene.dt, 1.0 / scene.dt])
     lost = follow_own_state(scene, 0, model, first, np.full(model.size, np.nan))
-    assert lost.mean is None and lost.seen is None
+    assert lost.mean is None
+    assert lost.seen is None
 
 
 def test_it_stays_within_the_limits_of_the_state():
