@@ -14,7 +14,7 @@ from jaxtyping import Float
 from foresight_env.highway import networks
 from foresight_env.highway.ranges import DrivingRanges
 from foresight_env.highway.routes import SPACING, LaneIndex, Leg, path_along
-from foresight_env.scenarios.driving import COLLISION_DISTANCE, player_theta
+from foresight_env.scenarios.driving import COLLISION_DISTANCE, COLLISION_WEIGHT, player_theta
 from foresight_env.scenarios.situation import Situation
 
 MOST_CARS = 6
@@ -51,6 +51,8 @@ class DrivingScene:
     """Of the picture, in our axes, m."""
     half_width: float
     collision_distance: float = COLLISION_DISTANCE
+    """See `player_theta`, m."""
+    collision_weight: float = COLLISION_WEIGHT
 
     @cached_property
     def network(self) -> RoadNetwork:
@@ -89,6 +91,7 @@ def draw_driving(
                 path.copy(),
                 float(journey.target_speed + speeds[i, 1]),
                 place_on(path, journey.goal)[:2],
+                collision_weight=scene.collision_weight,
                 collision_distance=scene.collision_distance,
             )
         )
@@ -138,17 +141,19 @@ _LEFT_TURN = DrivingScene(
     "left_turn",
     networks.crossing,
     (
-        Journey(_over("south", "west", 104.0), 14.0, 6.0, 9.0, 46.0),
-        Journey(_over("north", "south", 80.0), 30.0, 10.0, 10.0, 90.0),
-        Journey(_over("north", "west", 80.0), 14.0, 8.0, 8.0, 75.0),
+        Journey(_over("south", "west", 104.0), 14.0, 6.0, 9.0, 44.0),
+        Journey(_over("north", "south", 80.0), 37.0, 10.0, 10.0, 90.0),
+        Journey(_over("north", "west", 74.0), 14.0, 8.0, 8.0, 75.0),
         Journey(_over("south", "north", 88.0), 14.0, 6.0, 9.0, 60.0),
-        Journey(_over("north", "south", 60.0), 14.0, 9.0, 10.0, 80.0),
+        Journey(_over("north", "south", 54.0), 14.0, 9.0, 10.0, 80.0),
         Journey(_over("south", "east", 72.0), 14.0, 6.0, 8.0, 60.0),
     ),
     max_steps=50,
     center=(0.0, 0.0),
     half_width=42.0,
-    collision_distance=7.0,
+    # So that whoever plays an equilibrium keeps the paper's 6 m between the middles of cars.
+    collision_distance=8.5,
+    collision_weight=10.0,
 )
 
 
