@@ -134,6 +134,10 @@ class OnlineEstimator:
     """Discount factors to start from where there is no last solution."""
     careful_updates: int = 4
     """Updates at the beginning that start afresh."""
+    steps: int = 3
+    """Gauss-Newton steps of an update that starts from the last one. It need not converge, since
+    the next update goes on where it ended (Diehl, Bock and Schloder, "A real-time iteration scheme
+    for nonlinear optimization in optimal feedback control", SIAM J. Control Optim. 43, 2005)."""
     options: Options | None = None
     """Of the forward solver; None: `quick_options` of the covariance."""
     method: GaussNewton = GaussNewton(max_iterations=8, cost_tolerance=1e-3, smoothing=(3e-2,))
@@ -146,6 +150,8 @@ class OnlineEstimator:
             raise ValueError(f"free: expected a sequence of {count}, one Free per player, or one")
         if not all(f.initial_state for f in each):
             raise ValueError("free: an online estimator needs every player's initial state free")
+        if self.steps < 1:
+            raise ValueError(f"steps: is {self.steps}; expected at least 1")
         if self.game.horizon < self.window:
             raise ValueError(
                 f"game: has horizon {self.game.horizon}; expected at least the window's "
@@ -191,7 +197,10 @@ class OnlineEstimator:
         variance = self.covariance * self.aging ** (2.0 * age)
         covariance = variance[:, None, None] * np.eye(self.model.size)
 
-        def fit(start: Solution | None, count: int, worst: float = np.inf) -> Estimate:
+        def fit(
+            start: Solution | None, count: int, worst: float = np.inf, steps: int | None = None
+        ) -> Estimate:
+            limit = self.method.max_iterations if steps is None else steps
             return estimate(
                 self.game,
                 padded,
@@ -202,7 +211,7 @@ class OnlineEstimator:
                 free=self.free,
                 covariance=covariance,
                 prior=prior,
-                method=replace(self.method, give_up=worst),
+                method=replace(self.method, give_up=worst, max_iterations=limit),
                 starts=MultiStart(count),
                 guess=start,
                 options=self.options or quick_options(self.covariance),
@@ -228,7 +237,7 @@ class OnlineEstimator:
         found, misfit, given_up = None, np.inf, False
         if guess is not None and state.estimate is not None and not careful:
             worst = GIVE_UP * max(PLAUSIBLE, state.misfit) * freedom(state.estimate)
-            found = fit(guess, 1, worst)
+            found = fit(guess, 1, worst, self.steps)
             misfit, given_up = misfit_of(found), worst < cost_of(found) < np.inf
         due = misfit > WORSE * state.misfit or state.total % self.window == 0
         if found is None or (misfit > PLAUSIBLE and due):
