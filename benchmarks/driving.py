@@ -68,9 +68,9 @@ def differences(rows: Sequence[Row], scenes: Sequence[str]) -> Iterator[Row]:
 def tables(rows: Sequence[Row], scenes: Sequence[str], told: str) -> list[Result]:
     """Both tables; `told`: the yardstick's note."""
     note = (
-        "4 cars, full states with noise std 0.1, seeds from 0 on, one per episode; discount factors "
-        "of others uniform in (0.7, 1), the ego's 0.95. Time to goal: the time limit where it was not "
-        f"reached. One process per core at work. {told}"
+        "4 cars, full states with noise std 0.1, seeds from 0 on, one per episode; discount "
+        "factors of others uniform in (0.7, 1), the ego's 0.95. Time to goal: the time limit where "
+        f"it was not reached. One process per core at work. {told}"
     )
     paired_note = "Means and 95 % bootstrap intervals over seeds; few seeds make them narrow."
     return [
