@@ -117,10 +117,12 @@ def distances_over_time(
     figure = Figure(figsize=(9.0, 3.8), layout="constrained")
     panels = figure.subplots(1, 2)
     for axes, column in zip(panels, ("distances", "goal_distances"), strict=True):
-        for ego in egos:
+        for k, ego in enumerate(egos):
             mine = good_rows(rows, scene, others, ego)
             if mine:
-                _band(axes, [np.asarray(r[column]) for r in mine], ego)
+                # Thinner and thinner: where egos do the same, each line still shows.
+                width = max(1.0, 5.0 - k)
+                _band(axes, [np.asarray(r[column]) for r in mine], ego, width)
         axes.set_xlabel("time [s]")
         axes.set_ylim(bottom=0.0)
     panels[0].axhline(PAPER_DISTANCE, color="black", ls=":", lw=1.0, label="6 m (paper's least)")
@@ -135,11 +137,11 @@ def distances_over_time(
     return save(figure, path)
 
 
-def _band(axes: Axes, series: Sequence[Float[np.ndarray, "_"]], ego: str) -> None:
+def _band(axes: Axes, series: Sequence[Float[np.ndarray, "_"]], ego: str, width: float) -> None:
     """Lines of different lengths, each held at its end."""
     longest = max(map(len, series))
     held = np.stack([np.pad(s, (0, longest - len(s)), mode="edge") for s in series])
     times = DT * np.arange(longest)
-    axes.plot(times, held.mean(axis=0), color=COLOURS[ego], label=LABELS[ego])
+    axes.plot(times, held.mean(axis=0), color=COLOURS[ego], lw=width, label=LABELS[ego])
     low, high = np.percentile(held, [10, 90], axis=0)
     axes.fill_between(times, low, high, color=COLOURS[ego], alpha=0.15, lw=0)
