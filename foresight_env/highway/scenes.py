@@ -51,8 +51,9 @@ class DrivingScene:
     """Of the picture, in our axes, m."""
     half_width: float
     collision_distance: float = COLLISION_DISTANCE
-    """See `player_theta`, m."""
+    """Between discs of two cars, below which both pay (`BodyGap`), m."""
     collision_weight: float = COLLISION_WEIGHT
+    """Price of a squared metre below it."""
 
     @cached_property
     def network(self) -> RoadNetwork:

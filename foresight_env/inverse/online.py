@@ -134,10 +134,11 @@ class OnlineEstimator:
     """Discount factors to start from where there is no last solution."""
     careful_updates: int = 4
     """Updates at the beginning that start afresh."""
-    steps: int = 3
-    """Gauss-Newton steps of an update that starts from the last one. It need not converge, since
-    the next update goes on where it ended (Diehl, Bock and Schloder, "A real-time iteration scheme
-    for nonlinear optimization in optimal feedback control", SIAM J. Control Optim. 43, 2005)."""
+    warm_steps: int = 3
+    """Most Gauss-Newton steps of a fit that goes on from the last one (others: the method's own
+    limit). It need not converge, since the next update goes on where it ended (Diehl, Bock and
+    Schloder, "A real-time iteration scheme for nonlinear optimization in optimal feedback control",
+    SIAM J. Control Optim. 43, 2005)."""
     options: Options | None = None
     """Of the forward solver; None: `quick_options` of the covariance."""
     method: GaussNewton = GaussNewton(max_iterations=8, cost_tolerance=1e-3, smoothing=(3e-2,))
@@ -150,8 +151,8 @@ class OnlineEstimator:
             raise ValueError(f"free: expected a sequence of {count}, one Free per player, or one")
         if not all(f.initial_state for f in each):
             raise ValueError("free: an online estimator needs every player's initial state free")
-        if self.steps < 1:
-            raise ValueError(f"steps: is {self.steps}; expected at least 1")
+        if self.warm_steps < 1:
+            raise ValueError(f"warm_steps: is {self.warm_steps}; expected at least 1")
         if self.game.horizon < self.window:
             raise ValueError(
                 f"game: has horizon {self.game.horizon}; expected at least the window's "
@@ -197,10 +198,11 @@ class OnlineEstimator:
         variance = self.covariance * self.aging ** (2.0 * age)
         covariance = variance[:, None, None] * np.eye(self.model.size)
 
-        def fit(
-            start: Solution | None, count: int, worst: float = np.inf, steps: int | None = None
-        ) -> Estimate:
-            limit = self.method.max_iterations if steps is None else steps
+        quick = replace(
+            self.method, max_iterations=min(self.warm_steps, int(self.method.max_iterations))
+        )
+
+        def fit(start: Solution | None, count: int, method: GaussNewton = self.method) -> Estimate:
             return estimate(
                 self.game,
                 padded,
@@ -211,7 +213,7 @@ class OnlineEstimator:
                 free=self.free,
                 covariance=covariance,
                 prior=prior,
-                method=replace(self.method, give_up=worst, max_iterations=limit),
+                method=method,
                 starts=MultiStart(count),
                 guess=start,
                 options=self.options or quick_options(self.covariance),
@@ -237,7 +239,7 @@ class OnlineEstimator:
         found, misfit, given_up = None, np.inf, False
         if guess is not None and state.estimate is not None and not careful:
             worst = GIVE_UP * max(PLAUSIBLE, state.misfit) * freedom(state.estimate)
-            found = fit(guess, 1, worst, self.steps)
+            found = fit(guess, 1, replace(quick, give_up=worst))
             misfit, given_up = misfit_of(found), worst < cost_of(found) < np.inf
         due = misfit > WORSE * state.misfit or state.total % self.window == 0
         if found is None or (misfit > PLAUSIBLE and due):

@@ -213,16 +213,16 @@ def test_errors_name_the_argument():
         estimator().init(theta, [0.9, 1.3])
     with pytest.raises(ValueError, match=f"game: has horizon {HORIZON}; expected at least"):
         estimator(window=HORIZON + 1).init(theta, gamma)
-    with pytest.raises(ValueError, match="steps: is 0; expected at least 1"):
-        estimator(steps=0).init(theta, gamma)
+    with pytest.raises(ValueError, match="warm_steps: is 0; expected at least 1"):
+        estimator(warm_steps=0).init(theta, gamma)
 
 
 def test_later_updates_take_few_steps_and_go_on_where_the_last_one_ended():
     _, states = run()
     loose = (5.0 * STD) ** 2  # so that no other equilibrium is looked for
-    made, hurried = estimator(steps=1, covariance=loose), states[8]
+    made, hurried = estimator(warm_steps=1, covariance=loose), states[8]
     for row in seen()[8:]:
-        patient = estimator(steps=8, covariance=loose).update(hurried, row)
+        patient = estimator(warm_steps=8, covariance=loose).update(hurried, row)
         hurried = made.update(hurried, row)
         assert int(hurried.estimate.iterations) == 2  # the first game and one step
         assert int(patient.estimate.iterations) > 2
