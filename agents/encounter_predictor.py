@@ -3,26 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
-from agents.kinematic import ConstantVelocityPredictor, turn_rate
+from agents.encounter_fit import EncounterBelief, latest_wish, seen_states
+from agents.kinematic import ConstantVelocityPredictor
 from agents.predictor import Forecast, History
 from foresight_env.equilibrium import Status
 from foresight_env.games import full_state
 from foresight_env.inverse import Estimate, Free, MultiStart, Prior, estimate, guess_initial_states
-from foresight_env.scenarios.encounter import (
-    CURVATURE_LIMIT,
-    encounter_game,
-    is_vehicle,
-    player_theta,
-)
-from foresight_env.scenarios.intersection import driving_states
+from foresight_env.scenarios.encounter import encounter_game, is_vehicle, player_theta
 
-LEAST_SPEED = 0.5
-"""A slower vehicle's curvature is its turn rate over this speed, m/s."""
 IMPLAUSIBLE = 30.0
 """Squared deviations per observed number beyond which a fit explains nothing: good ones leave about
 one half, a search that was lost hundreds."""
@@ -30,11 +22,7 @@ one half, a search that was lost hundreds."""
 
 @dataclass(frozen=True)
 class EncounterPredictor:
-    """Fits the encounter game to what was seen; its equilibrium goes on from there.
-
-    Settings were chosen on the development recordings of `evaluation.prediction_window`, the two
-    of people's and vehicles' discount factors in the manner of empirical Bayes.
-    """
+    """Fits the encounter game to what was seen; its equilibrium goes on from there."""
 
     infer: bool = True
     """Whether discount factors are inferred; else they are 1."""
@@ -43,16 +31,7 @@ class EncounterPredictor:
     aging: float = 1.8
     """By how much the deviation grows per step into the past: people change their minds, so old
     observations say less of what they want now."""
-    velocity_deviation: float = 0.4
-    """People's wanted velocities lie within this of the last seen, m/s."""
-    speed_deviation: float = 0.2
-    """Vehicles' wanted speeds likewise."""
-    curvature_deviation: float = 0.005
-    """And the wanted curvatures of their paths, 1/m."""
-    walking_gamma: tuple[float, float] = (1.0, 64.0)
-    """Center and weight of the belief about people's discount factors."""
-    driving_gamma: tuple[float, float] = (0.7, 16.0)
-    """And about vehicles'."""
+    belief: EncounterBelief = EncounterBelief()
     starts: int = 4
 
     @property
@@ -85,22 +64,19 @@ class EncounterPredictor:
         known = len(history.states)
         game = encounter_game(history.kinds, known - 1 + steps, history.dt)
         model = full_state(game.state_sizes)
-        seen = np.array(history.states)
         driving = [is_vehicle(kind) for kind in history.kinds]
-        for i in np.flatnonzero(driving):
-            seen[:, i] = driving_states(seen[:, i], history.headings[:, i])
-        observations = seen.reshape(known, -1)
+        observations = seen_states(history).reshape(known, -1)
         free = [
             Free(("speed", "curvature") if drives else ("velocity",), self.infer, True)
             for drives in driving
         ]
-        beliefs = [self.driving_gamma if drives else self.walking_gamma for drives in driving]
+        beliefs = [self.belief.gamma(kind) for kind in history.kinds]
         return estimate(
             game,
             observations,
             model,
             initial_state=guess_initial_states(game, model, observations),
-            theta=[player_theta(k, _wish(history, i)) for i, k in enumerate(history.kinds)],
+            theta=[player_theta(k, latest_wish(history, i)) for i, k in enumerate(history.kinds)],
             gamma=[center if self.infer else 1.0 for center, _ in beliefs],
             free=free,
             covariance=self._covariance(known, observations.shape[1]),
@@ -119,20 +95,10 @@ class EncounterPredictor:
 
     def _deviations(self, driving: list[bool]) -> tuple[tuple[str, float], ...]:
         """Beliefs about wishes, of the kinds of agents that there are."""
-        walking = (("velocity", self.velocity_deviation),)
-        steered = (("speed", self.speed_deviation), ("curvature", self.curvature_deviation))
+        belief = self.belief
+        walking = (("velocity", belief.velocity_deviation),)
+        steered = (("speed", belief.speed_deviation), ("curvature", belief.curvature_deviation))
         return (() if all(driving) else walking) + (steered if any(driving) else ())
-
-
-def _wish(history: History, agent: int) -> Any:
-    """What an agent seems to keep: the last velocity, or the last speed and curvature."""
-    velocity = history.states[history.seen(agent)[-1], agent, 2:]
-    if not is_vehicle(history.kinds[agent]):
-        return velocity
-    speed = float(np.hypot(*velocity))
-    curvature = turn_rate(history, agent) / max(speed, LEAST_SPEED)
-    inside = 0.9 * CURVATURE_LIMIT
-    return speed, float(np.clip(curvature, -inside, inside))
 
 
 def _covariance(found: Estimate, future: slice) -> Float[np.ndarray, "P N 2 2"]:

@@ -56,6 +56,57 @@ class ConstantTurnRatePredictor:
         return single(_circles(history, steps, np.array(turns)))
 
 
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(8)
+"""Of Gauss and Legendre's rule on [-1, 1]: exact to rounding for turns of a few radians."""
+
+
+@dataclass(frozen=True)
+class ConstantTurnRateAccelerationPredictor:
+    """Vehicles keep their turn rate and their acceleration until they stand (CTRA).
+
+    Schubert, Richter, Wanielik, FUSION 2008, section II-B. People go straight on.
+    """
+
+    name: str = "constant-acceleration"
+
+    def predict(self, history: History, steps: int) -> Forecast:
+        """Where everybody will be."""
+        paths = []
+        for i, kind in enumerate(history.kinds):
+            rows = history.seen(i)
+            state = history.states[rows[-1], i]
+            age = len(history.states) - 1 - rows[-1]
+            times = history.dt * (age + np.arange(1, steps + 1))
+            turn, rate = 0.0, 0.0
+            if is_vehicle(kind):
+                turn, rate = turn_rate(history, i), acceleration(history, i)
+            paths.append(state[:2] + _changing_arc(state[2:], turn, rate, times))
+        return single(np.stack(paths, axis=1))
+
+
+def acceleration(history: History, agent: int) -> float:
+    """Change of an agent's speed per second over its latest rows, m/s^2."""
+    rows = history.seen(agent)[-TURN_ROWS:]
+    if len(rows) < 2:
+        return 0.0
+    speeds = np.hypot(*history.states[rows, agent, 2:].T)
+    return float((speeds[-1] - speeds[0]) / (history.dt * (rows[-1] - rows[0])))
+
+
+def _changing_arc(
+    velocity: Float[np.ndarray, "2"], turn: float, rate: float, times: Float[np.ndarray, "P"]
+) -> Float[np.ndarray, "P 2"]:
+    """Displacements at `times` (s) of a motion whose speed changes by `rate` until it stands."""
+    speed = float(np.hypot(*velocity))
+    if rate < 0.0:
+        times = np.minimum(times, -speed / rate)
+    heading = np.arctan2(velocity[1], velocity[0])
+    moments = 0.5 * times[:, None] * (1.0 + NODES)
+    speeds, headings = speed + rate * moments, heading + turn * moments
+    passed = 0.5 * times[:, None] * WEIGHTS * speeds
+    return np.stack([(passed * np.cos(headings)).sum(1), (passed * np.sin(headings)).sum(1)], 1)
+
+
 def _circles(
     history: History, steps: int, turns: Float[np.ndarray, "N"]
 ) -> Float[np.ndarray, "P N 2"]:

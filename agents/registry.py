@@ -8,10 +8,20 @@ from typing import Any
 from agents.constant_velocity import ConstantVelocity
 from agents.encounter_predictor import EncounterPredictor
 from agents.foresight import Foresight, farsighted
-from agents.kinematic import ConstantTurnRatePredictor, ConstantVelocityPredictor
+from agents.idm_predictor import IdmPredictor
+from agents.kalman import KalmanPredictor
+from agents.kinematic import (
+    ConstantTurnRateAccelerationPredictor,
+    ConstantTurnRatePredictor,
+    ConstantVelocityPredictor,
+)
+from agents.kkt_residual import KktResidualPredictor
 from agents.oracle import Oracle
+from agents.orca import OrcaPredictor
+from agents.particle_filter import ParticleFilterPredictor
 from agents.policy import EgoPolicy
 from agents.predictor import Predictor
+from agents.social_force import SocialForcePredictor
 
 EGOS: dict[str, Callable[[], EgoPolicy[Any]]] = {
     "oracle": Oracle,
@@ -41,8 +51,15 @@ def make_ego(name: str) -> EgoPolicy[Any]:
 PREDICTORS: dict[str, Callable[[], Predictor]] = {
     "foresight": EncounterPredictor,
     "farsighted": lambda: EncounterPredictor(infer=False),
+    "kkt-residual": KktResidualPredictor,
+    "particle-filter": ParticleFilterPredictor,
     "constant-velocity": ConstantVelocityPredictor,
     "constant-turn-rate": ConstantTurnRatePredictor,
+    "constant-acceleration": ConstantTurnRateAccelerationPredictor,
+    "kalman": KalmanPredictor,
+    "social-force": SocialForcePredictor,
+    "orca": OrcaPredictor,
+    "idm": IdmPredictor,
 }
 
 

@@ -1,0 +1,70 @@
+"""What predictors that move bodies need of a history: sizes, where they are, where they want to."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+
+from agents.kinematic import turn_rate
+from agents.motion import FIT_STEPS
+from agents.predictor import History
+from foresight_env.games.arc import arc
+from foresight_env.scenarios.encounter import is_vehicle
+from foresight_env.scenarios.junction import CAR_LENGTH, CAR_WIDTH, PEDESTRIAN_RADIUS
+
+
+def body_size(history: History, agent: int) -> tuple[float, float]:
+    """Length and width, m; usual ones where the recording states none."""
+    usual = (CAR_LENGTH, CAR_WIDTH)
+    if not is_vehicle(history.kinds[agent]):
+        usual = (2.0 * PEDESTRIAN_RADIUS, 2.0 * PEDESTRIAN_RADIUS)
+    stated = np.where(history.extents[agent] > 0.0, history.extents[agent], usual)
+    return float(stated[0]), float(stated[1])
+
+
+def body_radius(history: History, agent: int) -> float:
+    """Radius of the disc that has the body's area, m."""
+    length, width = body_size(history, agent)
+    if is_vehicle(history.kinds[agent]):
+        return float(np.sqrt(length * width / np.pi))
+    return 0.5 * max(length, width)
+
+
+def recent_turn(history: History, agent: int) -> float:
+    """Turn rate (rad/s) that an agent keeps: a vehicle's latest one; people walk straight."""
+    return turn_rate(history, agent) if is_vehicle(history.kinds[agent]) else 0.0
+
+
+def recent_velocity(history: History, agent: int) -> Float[np.ndarray, "2"]:
+    """Mean velocity (m/s) over the latest rows; a vehicle's speed, in its latest direction."""
+    rows = history.seen(agent)[-FIT_STEPS:]
+    velocities = history.states[rows, agent, 2:]
+    if not is_vehicle(history.kinds[agent]):
+        return np.asarray(velocities.mean(axis=0))
+    last = float(np.hypot(*velocities[-1]))
+    mean = float(np.hypot(velocities[:, 0], velocities[:, 1]).mean())
+    return np.asarray(velocities[-1] * (mean / last if last > 0.0 else 1.0))
+
+
+def wanted_velocities(
+    history: History, count: int, dt: float
+) -> tuple[Float[np.ndarray, "N 2"], Float[np.ndarray, "N 2"], Float[np.ndarray, "count N 2"]]:
+    """Places and velocities now, and `count` velocities `dt` apart that everybody would have alone.
+
+    Who is out of sight now is where it would have gone to. Alone, people keep their recent velocity
+    and vehicles their speed and turn rate.
+    """
+    places, velocities, wanted = [], [], []
+    for agent in range(len(history.kinds)):
+        last = history.seen(agent)[-1]
+        state = history.states[last, agent]
+        age = history.dt * (len(history.states) - 1 - last)
+        turn = recent_turn(history, agent)
+        places.append(state[:2] + arc(state[2:], turn, np.array([age]))[0])
+        angles = turn * (age + dt * np.arange(count))
+        aim = recent_velocity(history, agent)
+        left = np.array([-aim[1], aim[0]])
+        wanted.append(np.cos(angles)[:, None] * aim + np.sin(angles)[:, None] * left)
+        now = state[2:]
+        velocities.append(np.cos(angles[0]) * now + np.sin(angles[0]) * np.array([-now[1], now[0]]))
+    return np.stack(places), np.stack(velocities), np.stack(wanted, axis=1)

@@ -1,0 +1,85 @@
+"""What all predictors that play the encounter game have in common: beliefs, and what was seen."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from agents.kinematic import turn_rate
+from agents.predictor import History
+from foresight_env.games.arc import arc
+from foresight_env.scenarios.encounter import CURVATURE_LIMIT, is_vehicle
+from foresight_env.scenarios.intersection import driving_states
+
+LEAST_SPEED = 0.5
+"""A slower vehicle's curvature is its turn rate over this speed, m/s."""
+
+
+class EncounterBelief(NamedTuple):
+    """What is believed of people and vehicles before they are seen.
+
+    Settings were chosen on the development recordings of `evaluation.prediction_window`, those of
+    discount factors in the manner of empirical Bayes.
+    """
+
+    velocity_deviation: float = 0.4
+    """People's wanted velocities lie within this of the last seen, m/s."""
+    speed_deviation: float = 0.2
+    """Vehicles' wanted speeds likewise."""
+    curvature_deviation: float = 0.005
+    """And the wanted curvatures of their paths, 1/m."""
+    walking_gamma: tuple[float, float] = (1.0, 64.0)
+    """Center and weight of the belief about people's discount factors."""
+    driving_gamma: tuple[float, float] = (0.7, 16.0)
+    """And about vehicles'."""
+
+    def gamma(self, kind: str) -> tuple[float, float]:
+        """Center and weight of the belief about a discount factor."""
+        return self.driving_gamma if is_vehicle(kind) else self.walking_gamma
+
+    def wish_deviation(self, kind: str) -> Float[np.ndarray, "2"]:
+        """Of the entries of a wish: a velocity, or speed and curvature."""
+        if is_vehicle(kind):
+            return np.array([self.speed_deviation, self.curvature_deviation])
+        return np.array([self.velocity_deviation, self.velocity_deviation])
+
+
+def latest_wish(history: History, agent: int) -> Any:
+    """What an agent seems to keep: the last velocity, or the last speed and curvature."""
+    velocity = history.states[history.seen(agent)[-1], agent, 2:]
+    if not is_vehicle(history.kinds[agent]):
+        return velocity
+    speed = float(np.hypot(*velocity))
+    curvature = turn_rate(history, agent) / max(speed, LEAST_SPEED)
+    inside = 0.9 * CURVATURE_LIMIT
+    return speed, float(np.clip(curvature, -inside, inside))
+
+
+def seen_states(history: History) -> Float[np.ndarray, "K N 4"]:
+    """States of the encounter game: of vehicles `[px, py, v, psi]`; NaN where unseen."""
+    seen = np.array(history.states)
+    for i, kind in enumerate(history.kinds):
+        if is_vehicle(kind):
+            seen[:, i] = driving_states(seen[:, i], history.headings[:, i])
+    return seen
+
+
+def filled_states(history: History) -> Float[np.ndarray, "K N 4"]:
+    """`seen_states` without gaps: who is out of sight keeps its speed and turn rate.
+
+    From when it was seen last, or backwards from when it was seen first.
+    """
+    filled = seen_states(history)
+    for i, kind in enumerate(history.kinds):
+        rows = history.seen(i)
+        for k in np.setdiff1d(np.arange(len(filled)), rows):
+            row = int(max(rows[rows < k], default=rows[0]))
+            seconds = history.dt * float(k - row)
+            turn = turn_rate(history, i) if is_vehicle(kind) else 0.0
+            filled[k, i] = filled[row, i]
+            filled[k, i, :2] += arc(history.states[row, i, 2:], turn, np.array([seconds]))[0]
+            if is_vehicle(kind):
+                filled[k, i, 3] += turn * seconds
+    return filled
