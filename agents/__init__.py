@@ -1,11 +1,11 @@
 """Predictors and ego policies."""
 
-from agents.constant_velocity import ConstantVelocity
 from agents.encounter_predictor import EncounterPredictor
 from agents.foresight import Foresight, farsighted
 from agents.kinematic import ConstantTurnRatePredictor, ConstantVelocityPredictor
 from agents.oracle import Oracle
 from agents.policy import Decision, EgoPolicy
+from agents.predict_then_plan import PredictThenPlan, constant_velocity
 from agents.predictor import Forecast, History, Predictor
 from agents.registry import EGOS, PREDICTORS, make_ego, make_predictor
 
@@ -13,7 +13,6 @@ __all__ = [
     "EGOS",
     "PREDICTORS",
     "ConstantTurnRatePredictor",
-    "ConstantVelocity",
     "ConstantVelocityPredictor",
     "Decision",
     "EgoPolicy",
@@ -22,7 +21,9 @@ __all__ = [
     "Foresight",
     "History",
     "Oracle",
+    "PredictThenPlan",
     "Predictor",
+    "constant_velocity",
     "farsighted",
     "make_ego",
     "make_predictor",

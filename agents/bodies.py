@@ -6,7 +6,6 @@ import numpy as np
 from jaxtyping import Float
 
 from agents.kinematic import turn_rate
-from agents.motion import FIT_STEPS
 from agents.predictor import History
 from foresight_env.games.arc import arc
 from foresight_env.scenarios.encounter import is_vehicle
@@ -35,26 +34,15 @@ def recent_turn(history: History, agent: int) -> float:
     return turn_rate(history, agent) if is_vehicle(history.kinds[agent]) else 0.0
 
 
-def recent_velocity(history: History, agent: int) -> Float[np.ndarray, "2"]:
-    """Mean velocity (m/s) over the latest rows; a vehicle's speed, in its latest direction."""
-    rows = history.seen(agent)[-FIT_STEPS:]
-    velocities = history.states[rows, agent, 2:]
-    if not is_vehicle(history.kinds[agent]):
-        return np.asarray(velocities.mean(axis=0))
-    last = float(np.hypot(*velocities[-1]))
-    mean = float(np.hypot(velocities[:, 0], velocities[:, 1]).mean())
-    return np.asarray(velocities[-1] * (mean / last if last > 0.0 else 1.0))
-
-
 def wanted_velocities(
     history: History, count: int, dt: float
-) -> tuple[Float[np.ndarray, "N 2"], Float[np.ndarray, "N 2"], Float[np.ndarray, "count N 2"]]:
-    """Places and velocities now, and `count` velocities `dt` apart that everybody would have alone.
+) -> tuple[Float[np.ndarray, "N 2"], Float[np.ndarray, "count N 2"]]:
+    """Places now, and `count` velocities `dt` apart, from now on, that everybody would have alone.
 
-    Who is out of sight now is where it would have gone to. Alone, people keep their recent velocity
-    and vehicles their speed and turn rate.
+    Who is out of sight now is where it would have gone to. Alone, people keep their velocity and
+    vehicles their speed and turn rate.
     """
-    places, velocities, wanted = [], [], []
+    places, wanted = [], []
     for agent in range(len(history.kinds)):
         last = history.seen(agent)[-1]
         state = history.states[last, agent]
@@ -62,9 +50,6 @@ def wanted_velocities(
         turn = recent_turn(history, agent)
         places.append(state[:2] + arc(state[2:], turn, np.array([age]))[0])
         angles = turn * (age + dt * np.arange(count))
-        aim = recent_velocity(history, agent)
-        left = np.array([-aim[1], aim[0]])
-        wanted.append(np.cos(angles)[:, None] * aim + np.sin(angles)[:, None] * left)
-        now = state[2:]
-        velocities.append(np.cos(angles[0]) * now + np.sin(angles[0]) * np.array([-now[1], now[0]]))
-    return np.stack(places), np.stack(velocities), np.stack(wanted, axis=1)
+        left = np.array([-state[3], state[2]])
+        wanted.append(np.cos(angles)[:, None] * state[2:] + np.sin(angles)[:, None] * left)
+    return np.stack(places), np.stack(wanted, axis=1)

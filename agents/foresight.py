@@ -13,11 +13,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from agents.constant_velocity import ConstantVelocity, ConstantVelocityMemory
 from agents.motion import player_positions, present_state
 from agents.own_state import observation_variance
 from agents.planning import Plan, plan_equilibrium
 from agents.policy import Decision
+from agents.predict_then_plan import PlanMemory, constant_velocity
 from foresight_env.envs.scene import Scene
 from foresight_env.inverse import Free, OnlineEstimator, OnlineState, Prior
 
@@ -33,7 +33,7 @@ class ForesightMemory(NamedTuple):
     estimator: OnlineEstimator
     state: OnlineState | None
     plan: Plan | None
-    early: ConstantVelocityMemory
+    early: PlanMemory
     """What to do until there is an estimate; its perception knows the ego's own state."""
     stale: bool = False
     """Whether the latest update kept the estimate before it."""
@@ -76,9 +76,8 @@ class Foresight:
             ),
             aging=self.aging,
         )
-        return ForesightMemory(
-            scene, ego, estimator, None, None, ConstantVelocity().init(scene, agent)
-        )
+        early = constant_velocity().init(scene, agent)
+        return ForesightMemory(scene, ego, estimator, None, None, early)
 
     def update(
         self,
@@ -104,7 +103,7 @@ class Foresight:
                     for new, old in zip(guessed, state.theta, strict=True)
                 )
             )
-        early = ConstantVelocity().update(memory.early, observation, info)
+        early = constant_velocity().update(memory.early, observation, info)
         following = memory.estimator.update(state, seen)
         stale = following.failures > state.failures
         return memory._replace(state=following, early=early, stale=stale)
@@ -130,7 +129,7 @@ class Foresight:
         """See `EgoPolicy`."""
         scene, ego, state = memory.scene, memory.ego, memory.state
         if state is None or state.estimate is None or state.present is None:
-            decision, early = ConstantVelocity().act(memory.early)
+            decision, early = constant_velocity().act(memory.early)
             return replace(decision, predicted={}), memory._replace(early=early)
         perception = memory.early.perception
         present = list(state.present)

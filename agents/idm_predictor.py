@@ -54,7 +54,8 @@ class IdmPredictor:
         sizes = [body_size(history, i) for i in range(count)]
         parts = max(1, int(np.ceil(history.dt / SUBSTEP)))
         dt = history.dt / parts
-        places, velocities, wanted = wanted_velocities(history, steps * parts + 1, dt)
+        places, wanted = wanted_velocities(history, steps * parts + 1, dt)
+        velocities = wanted[0].copy()
         lanes = [
             _lane(places[i], velocities[i], recent_turn(history, i)) if driving[i] else None
             for i in range(count)

@@ -14,13 +14,20 @@ from foresight_env.scenarios.intersection import driving_states
 
 TURNING_SPEED = 0.5
 """Below this a vehicle's turn rate says nothing of its path, m/s."""
-TURN_ROWS = 3
-"""Latest rows that the turn rate is taken from."""
+TURN_SECONDS = 0.8
+"""Latest time that turn rates and accelerations are taken from; at least two rows."""
+
+
+def recent_rows(history: History, agent: int) -> np.ndarray:
+    """The rows of the latest `TURN_SECONDS` in which an agent was seen, two of them if it was."""
+    rows = history.seen(agent)
+    steps = max(1, round(TURN_SECONDS / history.dt))
+    return np.unique(np.concatenate([rows[-2:], rows[rows >= rows[-1] - steps]]))
 
 
 def turn_rate(history: History, agent: int) -> float:
     """Change of a vehicle's heading per second over its latest rows; 0 while it stands."""
-    rows = history.seen(agent)[-TURN_ROWS:]
+    rows = recent_rows(history, agent)
     if len(rows) < 2 or np.hypot(*history.states[rows[-1], agent, 2:]) < TURNING_SPEED:
         return 0.0
     headings = driving_states(history.states[:, agent], history.headings[:, agent])[rows, 3]
@@ -86,7 +93,7 @@ class ConstantTurnRateAccelerationPredictor:
 
 def acceleration(history: History, agent: int) -> float:
     """Change of an agent's speed per second over its latest rows, m/s^2."""
-    rows = history.seen(agent)[-TURN_ROWS:]
+    rows = recent_rows(history, agent)
     if len(rows) < 2:
         return 0.0
     speeds = np.hypot(*history.states[rows, agent, 2:].T)

@@ -43,7 +43,8 @@ class OrcaPredictor:
         parts = max(1, int(np.ceil(history.dt / SUBSTEP)))
         dt = history.dt / parts
         radii = np.array([body_radius(history, i) for i in range(count)])
-        places, velocities, wanted = wanted_velocities(history, steps * parts + 1, dt)
+        places, wanted = wanted_velocities(history, steps * parts + 1, dt)
+        velocities = wanted[0]
         limits = self.faster * np.linalg.norm(wanted[0], axis=1)
         found = []
         for k in range(steps * parts):

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from importlib import import_module
 from typing import Any
 
-from agents.constant_velocity import ConstantVelocity
 from agents.encounter_predictor import EncounterPredictor
 from agents.foresight import Foresight, farsighted
 from agents.idm_predictor import IdmPredictor
@@ -20,6 +20,7 @@ from agents.oracle import Oracle
 from agents.orca import OrcaPredictor
 from agents.particle_filter import ParticleFilterPredictor
 from agents.policy import EgoPolicy
+from agents.predict_then_plan import PredictThenPlan, constant_velocity
 from agents.predictor import Predictor
 from agents.social_force import SocialForcePredictor
 
@@ -27,7 +28,7 @@ EGOS: dict[str, Callable[[], EgoPolicy[Any]]] = {
     "oracle": Oracle,
     "foresight": Foresight,
     "farsighted": farsighted,
-    "constant-velocity": ConstantVelocity,
+    "constant-velocity": constant_velocity,
 }
 
 
@@ -41,10 +42,25 @@ DRIVING_EGOS: dict[str, Callable[[], EgoPolicy[Any]]] = {**EGOS, "idm": _idm}
 """All egos; those beyond `EGOS` drive cars along paths only."""
 
 
+PLANNED = "+plan"
+"""What turns a predictor's name into that of an ego that plans with its forecasts."""
+
+
 def make_ego(name: str) -> EgoPolicy[Any]:
-    """The registered ego of that name; `ValueError` lists the names."""
+    """The ego of that name, the planner with a predictor (`NAME+plan`), or `module:Class`.
+
+    `ValueError` says what is wrong, and lists the names.
+    """
+    if name.endswith(PLANNED):
+        stem = name.removesuffix(PLANNED)
+        return PredictThenPlan(make_predictor(stem), name)
+    if ":" in name:
+        return _loaded("ego", name, EgoPolicy)
     if name not in DRIVING_EGOS:
-        raise ValueError(f"ego: {name!r} is unknown; choose from {', '.join(DRIVING_EGOS)}")
+        raise ValueError(
+            f"ego: {name!r} is unknown; choose from {', '.join(DRIVING_EGOS)}, a predictor's name "
+            f"with {PLANNED}, or your own as module:Class"
+        )
     return DRIVING_EGOS[name]()
 
 
@@ -64,7 +80,31 @@ PREDICTORS: dict[str, Callable[[], Predictor]] = {
 
 
 def make_predictor(name: str) -> Predictor:
-    """The registered predictor of that name; `ValueError` lists the names."""
+    """The predictor of that name, or `module:Class`; `ValueError` lists the names."""
+    if ":" in name:
+        return _loaded("predictor", name, Predictor)
     if name not in PREDICTORS:
-        raise ValueError(f"predictor: {name!r} is unknown; choose from {', '.join(PREDICTORS)}")
+        raise ValueError(
+            f"predictor: {name!r} is unknown; choose from {', '.join(PREDICTORS)}, or your own as "
+            "module:Class"
+        )
     return PREDICTORS[name]()
+
+
+def _loaded(what: str, name: str, protocol: Any) -> Any:
+    """What a user's module has under that name: an object, or what a class or function makes."""
+    module, _, attribute = name.partition(":")
+    try:
+        found = getattr(import_module(module), attribute)
+    except ImportError as error:
+        raise ValueError(f"{what}: {name!r}: {module!r} cannot be imported ({error})") from error
+    except AttributeError:
+        raise ValueError(f"{what}: {name!r}: {module!r} has no {attribute!r}") from None
+    ready = isinstance(found, protocol) and not isinstance(found, type)
+    made = found() if callable(found) and not ready else found
+    if not isinstance(made, protocol):
+        wanted = "name, init, update and act" if protocol is EgoPolicy else "name and predict"
+        raise ValueError(
+            f"{what}: {name!r} is a {type(made).__name__}; expected something with {wanted}"
+        )
+    return made

@@ -48,7 +48,8 @@ class SocialForcePredictor:
         """Where everybody will be."""
         parts = max(1, int(np.ceil(history.dt / SUBSTEP)))
         dt = history.dt / parts
-        places, velocities, wanted = wanted_velocities(history, steps * parts + 1, dt)
+        places, wanted = wanted_velocities(history, steps * parts + 1, dt)
+        velocities = wanted[0]
         driving = np.array([is_vehicle(kind) for kind in history.kinds])
         sizes = [body_size(history, i) for i in range(len(driving))]
         limits = self.faster * np.linalg.norm(wanted[0], axis=1)

@@ -26,7 +26,8 @@ app = typer.Typer(
 EGO_NAMES = ("oracle", "foresight", "farsighted", "constant-velocity")
 EGO_HELP = (
     "One of oracle, foresight (in tables: gamma inferred), farsighted (gamma = 1), "
-    "constant-velocity."
+    "constant-velocity; PREDICTOR+plan, the same planner with any predictor; or your own as "
+    "module:Class."
 )
 
 
@@ -94,14 +95,13 @@ def plain_errors(command: Callable[..., None]) -> Callable[..., None]:
     return wrapped
 
 
+def _one_s_own(name: str) -> bool:
+    """Whether it names what the registry makes of a predictor's name or of a user's module."""
+    return ":" in name or name.endswith("+plan")
+
+
 def _check_ego(name: str) -> str:
-    if name not in EGO_NAMES:
-        raise typer.BadParameter(f"{name!r} is unknown; choose from {', '.join(EGO_NAMES)}")
-    return name
-
-
-def _check_any_ego(name: str) -> str:
-    if name not in DRIVING_EGO_NAMES:
+    if name not in DRIVING_EGO_NAMES and not _one_s_own(name):
         raise typer.BadParameter(f"{name!r} is unknown; choose from {', '.join(DRIVING_EGO_NAMES)}")
     return name
 
@@ -113,6 +113,28 @@ def _listed(option: str, text: str, known: Sequence[str]) -> tuple[str, ...]:
     if unknown:
         raise ValueError(f"{option}: {unknown[0]!r} is unknown; choose from {', '.join(known)}")
     return names
+
+
+def _agents(option: str, text: str, known: Sequence[str]) -> tuple[str, ...]:
+    """The same, where names may also be what the registry can make."""
+    names = tuple(dict.fromkeys(name.strip() for name in text.split(",")))
+    _listed(option, ",".join(name for name in names if not _one_s_own(name)) or known[0], known)
+    _make_all(option, [name for name in names if _one_s_own(name)])
+    return names
+
+
+def _make_all(option: str, names: Sequence[str]) -> None:
+    """Make agents once, so that what is wrong with them is told before anything runs."""
+    if not names:
+        return
+    # As `python -m` does: a user's module is in the folder that the command runs in. Worker
+    # processes take the path over.
+    if os.getcwd() not in sys.path:
+        sys.path.insert(0, os.getcwd())
+    from agents.registry import make_ego, make_predictor
+
+    for name in names:
+        (make_predictor if option == "--predictors" else make_ego)(name)
 
 
 def _check_noise(std: float) -> None:
@@ -138,7 +160,7 @@ def run(
     ego: Annotated[
         str,
         typer.Option(
-            callback=_check_any_ego,
+            callback=_check_ego,
             help=f"{EGO_HELP} In driving also idm, highway-env's own vehicle.",
         ),
     ] = "foresight",
@@ -161,7 +183,9 @@ def run(
     """Run one episode: table, picture, animation, inferred discount factors over time."""
     if noise_std is not None:
         _check_noise(noise_std)
-    if ego not in EGO_NAMES and scenario is not Scenario.DRIVING:
+    if _one_s_own(ego):
+        _make_all("--ego", [ego])
+    elif ego not in EGO_NAMES and scenario is not Scenario.DRIVING:
         raise ValueError(f"--ego: {ego} drives cars of the scenario driving only")
     from evaluation.demonstration import run_one
     from evaluation.run_setting import RunSetting
@@ -204,7 +228,7 @@ def evaluate_crosswalk(
 
     Interrupted studies go on where they stopped. The paper's size is --levels 50 --sequences 50.
     """
-    names = _listed("--egos", egos, EGO_NAMES)
+    names = _agents("--egos", egos, EGO_NAMES)
     _check_noise(noise_std)
     if grid == 1:
         raise ValueError("--grid: is 1; a heatmap has at least 2 points per axis")
@@ -254,7 +278,7 @@ def evaluate_driving(
     chosen = (
         _listed("--scenes", scenes, tuple(Scene)),
         _listed("--others", others, tuple(Behaviour)),
-        _listed("--egos", egos, DRIVING_EGO_NAMES),
+        _agents("--egos", egos, DRIVING_EGO_NAMES),
     )
     from evaluation import demonstration
     from evaluation.driving_study import DrivingSetting
@@ -341,7 +365,19 @@ def evaluate_intersection(
     )
 
 
-PREDICTOR_NAMES = ("foresight", "farsighted", "constant-velocity", "constant-turn-rate")
+PREDICTOR_NAMES = (
+    "foresight",
+    "farsighted",
+    "kkt-residual",
+    "particle-filter",
+    "constant-velocity",
+    "constant-turn-rate",
+    "constant-acceleration",
+    "kalman",
+    "social-force",
+    "orca",
+    "idm",
+)
 
 
 class Split(StrEnum):
@@ -363,7 +399,10 @@ def evaluate_prediction(
         ),
     ] = None,
     predictors: Annotated[
-        str, typer.Option(help=f"Comma-separated, of {', '.join(PREDICTOR_NAMES)}.")
+        str,
+        typer.Option(
+            help=f"Comma-separated, of {', '.join(PREDICTOR_NAMES)}; your own as module:Class."
+        ),
     ] = ",".join(PREDICTOR_NAMES),
     split: Annotated[
         Split,
@@ -375,7 +414,7 @@ def evaluate_prediction(
     out: OutOption = Path("results/prediction"),
 ) -> None:
     """Predict recorded agents who interact: errors over 1 to 4 s, misses, overlaps, latency."""
-    names = _listed("--predictors", predictors, PREDICTOR_NAMES)
+    names = _agents("--predictors", predictors, PREDICTOR_NAMES)
     from evaluation import demonstration
 
     demonstration.evaluate_prediction(data, names, split.value, workers, out)

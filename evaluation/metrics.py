@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
+from scipy.special import logsumexp
 
 
 def trajectory_error(states: Float[np.ndarray, "K n"], truth: Float[np.ndarray, "K n"]) -> float:
@@ -79,6 +80,49 @@ def missed(
     agents = np.arange(present.shape[1])
     gap = np.linalg.norm(predicted[last, agents] - truth[last, agents], axis=1)
     return np.asarray((last >= 0) & (gap > MISS_DISTANCE))
+
+
+LEAST_DEVIATION = 0.05
+"""Standard deviation (m) that is added to a forecast's: positions are not recorded more exactly,
+and a forecast that is certain and wrong would have no likelihood at all."""
+
+
+def negative_log_likelihood(
+    positions: Float[np.ndarray, "M K A 2"],
+    probabilities: Float[np.ndarray, "M"],
+    covariance: Float[np.ndarray, "M K A 2 2"],
+    truth: Float[np.ndarray, "K A 2"],
+    present: Bool[np.ndarray, "K A"],
+) -> float:
+    """Mean over steps and agents of `-log p(truth)`, p a mixture of Gaussians in m^-2 (NLL).
+
+    Each step and agent by itself (Ivanovic and Pavone, "The Trajectron", ICCV 2019). NaN when
+    nobody is present.
+    """
+    if not present.any():
+        return float("nan")
+    wide = covariance + LEAST_DEVIATION**2 * np.eye(2)
+    error = np.where(present[..., None], truth, 0.0) - positions
+    distance = np.einsum("mtni,mtni->mtn", error, np.linalg.solve(wide, error[..., None])[..., 0])
+    density = -0.5 * distance - 0.5 * np.linalg.slogdet(wide)[1] - np.log(2.0 * np.pi)
+    with np.errstate(divide="ignore"):
+        likelihood = logsumexp(density + np.log(probabilities)[:, None, None], axis=0)
+    return float(-likelihood[present].mean())
+
+
+def best_displacement(
+    positions: Float[np.ndarray, "M K A 2"],
+    probabilities: Float[np.ndarray, "M"],
+    truth: Float[np.ndarray, "K A 2"],
+    present: Bool[np.ndarray, "K A"],
+    count: int,
+) -> tuple[float, float]:
+    """minADE_k and minFDE_k: `displacement` of the best joint future among the `count` likeliest.
+
+    Chosen by ADE, all agents together (Gupta et al., "Social GAN", CVPR 2018).
+    """
+    likeliest = np.argsort(-probabilities, kind="stable")[:count]
+    return min(displacement(positions[m], truth, present) for m in likeliest)
 
 
 STANDING = 0.1

@@ -1,0 +1,173 @@
+"""Predict then plan: any predictor's forecast, and the planner that all egos share.
+
+The others follow their forecast whatever the ego does, and the ego plans its best response to it in
+the scene's game. Egos of this kind differ in their forecasts and in nothing else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from scipy.stats import norm
+
+from agents.kinematic import ConstantVelocityPredictor
+from agents.perception import Perception
+from agents.planning import Plan, plan_response
+from agents.policy import Decision
+from agents.predictor import Forecast, History, Predictor
+from foresight_env.envs.scene import Scene
+from foresight_env.games import Dynamics, Vehicle
+from foresight_env.games.motion import moving_state, planar_velocity
+
+SMALL = 1e-6
+"""Distance (m) below which there is no direction."""
+
+
+class PlanMemory(NamedTuple):
+    """What was seen, how everybody moved, and the last plan."""
+
+    perception: Perception
+    track: tuple[Float[np.ndarray, "N 4"], ...] = ()
+    """Latest states of everybody, the newest last."""
+    plan: Plan | None = None
+
+
+@dataclass(frozen=True)
+class PredictThenPlan:
+    """The planner, with this predictor's idea of what the others will do."""
+
+    predictor: Predictor = field(default_factory=ConstantVelocityPredictor)
+    name: str = "constant velocity"
+    window: int = 10
+    """Steps that the predictor is shown."""
+    risk: float = 0.1
+    """Where a forecast has covariances: probability with which another may be nearer to the plan
+    than the ego reckons with, at each step."""
+
+    def init(self, scene: Scene, agent: str | int) -> PlanMemory:
+        """See `EgoPolicy`."""
+        return PlanMemory(Perception(scene, scene.index(agent)))
+
+    def update(
+        self,
+        memory: PlanMemory,
+        observation: Float[np.ndarray, "size"],
+        info: Mapping[str, Any],
+    ) -> PlanMemory:
+        """See `EgoPolicy`."""
+        perception = memory.perception.taking(observation)
+        # A single position says nothing of velocities: that state is forgotten with the next one.
+        known = memory.track if len(memory.perception.observations) > 1 else ()
+        track = (*known, np.stack(perception.states()))[-self.window :]
+        return memory._replace(perception=perception, track=track)
+
+    def act(self, memory: PlanMemory) -> tuple[Decision, PlanMemory]:
+        """See `EgoPolicy`."""
+        scene, ego = memory.perception.scene, memory.perception.ego
+        states = memory.perception.states()
+        horizon = scene.game.horizon
+        forecast = self.predictor.predict(history_of(scene, memory.track), horizon)
+        own = planned_positions(scene, ego, states[ego], memory.plan)
+        places = feared_positions(forecast, ego, own, float(norm.ppf(1.0 - self.risk)))
+        predicted = {
+            j: states_along(player.dynamics, states[j], places[:, j], scene.dt)
+            for j, player in enumerate(scene.game.players)
+            if j != ego
+        }
+        mine = scene.own(ego)
+        decision, plan = plan_response(
+            scene, ego, states[ego], mine.theta, mine.gamma, predicted, memory.plan
+        )
+        likeliest = forecast.likeliest
+        decision = replace(
+            decision,
+            predicted={j: likeliest[:, j] for j in predicted},
+            gammas=_gammas(forecast, ego),
+            stale=forecast.fallback,
+        )
+        perception = memory.perception.acted(decision.action)
+        return decision, memory._replace(perception=perception, plan=plan)
+
+
+def constant_velocity() -> PredictThenPlan:
+    """The classical ego: others keep their velocity."""
+    return PredictThenPlan()
+
+
+def history_of(scene: Scene, track: tuple[Float[np.ndarray, "N 4"], ...]) -> History:
+    """Everybody's latest states as predictors are shown them."""
+    players = scene.game.players
+    states = np.stack(track)
+    planar = states.copy()
+    headings = np.full(states.shape[:2], np.nan)
+    for j, player in enumerate(players):
+        planar[:, j, 2:] = [planar_velocity(player.dynamics, s) for s in states[:, j]]
+        if isinstance(player.dynamics, Vehicle):
+            headings[:, j] = states[:, j, 3]
+    kinds = tuple("car" if isinstance(p.dynamics, Vehicle) else "pedestrian" for p in players)
+    return History(planar, headings, kinds, np.full((len(players), 2), np.nan), scene.dt)
+
+
+def planned_positions(
+    scene: Scene, ego: int, state: Float[np.ndarray, "4"], plan: Plan | None
+) -> Float[np.ndarray, "T 2"]:
+    """Where the ego will be by its last plan, and beyond its end; straight on without one."""
+    horizon, dynamics = scene.game.horizon, scene.game.players[ego].dynamics
+    if plan is None:
+        times = scene.dt * np.arange(1, horizon + 1)[:, None]
+        return np.asarray(state[:2] + times * planar_velocity(dynamics, state))
+    path = np.asarray(plan.solution.states[plan.player])[2:, :2]
+    return np.concatenate([path, path[-1:]])[:horizon]
+
+
+def feared_positions(
+    forecast: Forecast, ego: int, own: Float[np.ndarray, "T 2"], deviations: float
+) -> Float[np.ndarray, "T N 2"]:
+    """The likeliest positions, moved towards the ego's by that many standard deviations.
+
+    To keep a distance from there is a linearised chance constraint along the line between the two
+    (Zhu and Alonso-Mora, "Chance-constrained collision avoidance for MAVs in dynamic
+    environments", RA-L 2019). Nobody is moved farther than to where the ego is.
+    """
+    places = np.array(forecast.likeliest)
+    if forecast.covariance is None:
+        return places
+    covariance = forecast.covariance[int(np.argmax(forecast.probabilities))]
+    for j in range(places.shape[1]):
+        if j == ego:
+            continue
+        away = own - places[:, j]
+        distance = np.linalg.norm(away, axis=1)
+        along = away / np.maximum(distance, SMALL)[:, None]
+        spread = np.sqrt(np.einsum("ta,tac,tc->t", along, covariance[:, j], along))
+        places[:, j] += np.minimum(deviations * spread, distance)[:, None] * along
+    return places
+
+
+def states_along(
+    dynamics: Dynamics,
+    state: Float[np.ndarray, "4"],
+    places: Float[np.ndarray, "T 2"],
+    dt: float,
+) -> Float[np.ndarray, "T 4"]:
+    """States (as `dynamics` has them) of an agent that is at `places` after 1..T steps."""
+    steps = np.diff(np.vstack([state[:2], places]), axis=0)
+    found, heading = [], float(state[3])
+    for place, step in zip(places, steps, strict=True):
+        now = moving_state(dynamics, place, step / dt, heading)
+        heading = float(now[3])
+        found.append(now)
+    return np.stack(found)
+
+
+def _gammas(forecast: Forecast, ego: int) -> dict[int, tuple[float, float]]:
+    """Means and deviations of others' discount factors, where the forecast has them."""
+    if forecast.gamma is None:
+        return {}
+    spread = forecast.gamma_deviation
+    spread = np.zeros(len(forecast.gamma)) if spread is None else spread
+    return {j: (float(g), float(spread[j])) for j, g in enumerate(forecast.gamma) if j != ego}
