@@ -14,8 +14,9 @@ from benchmarks.report import Result, Row, Setting
 from benchmarks.timing import ROOT
 from evaluation import estimation
 from evaluation.estimation import LEAST_STD, OBSERVATIONS, bound, joint, observation_model, truth
-from evaluation.figures import COLOURS, LABELS, save
+from evaluation.figures import save
 from evaluation.metrics import trajectory_error
+from evaluation.naming import colour_of, label_of
 from evaluation.store import Row as Trial
 from foresight_env.inverse import Free, MultiStart, Prior, estimate
 from foresight_env.scenarios.crosswalk import MONTE_CARLO, crosswalk_game
@@ -150,7 +151,7 @@ def picture(rows: list[Trial], theirs: dict[tuple[str, str], Published]) -> None
     for axes, observation in zip(figure.subplots(1, 2, sharey=True), OBSERVATIONS, strict=True):
         stds = sorted({r["std"] for r in rows if r["std"] > LEAST_STD})
         for method in estimation.METHODS:
-            colour, label = COLOURS[method], LABELS[method]
+            colour, label = colour_of(method), label_of(method)
             means = [mean_error(rows, observation, method, s) for s in stds]
             axes.plot(stds, means, color=colour, label=label)
             other = theirs[observation, method]

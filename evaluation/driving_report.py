@@ -23,7 +23,8 @@ from evaluation.driving_study import (
     paired,
     summarise,
 )
-from evaluation.figures import COLOURS, LABELS, save
+from evaluation.figures import save
+from evaluation.naming import colour_of, label_of
 from evaluation.store import Row
 from evaluation.tables import mean_and_half
 from foresight_env.scenarios.driving import DT
@@ -67,7 +68,7 @@ def _table(title: str, summaries: Sequence[Summary]) -> Table:
     table = Table(title=title)
     table.add_column("", no_wrap=True)
     for s in summaries:
-        table.add_column(LABELS[s.ego], justify="right")
+        table.add_column(label_of(s.ego), justify="right")
     ends = {
         COLLISION: [f"{s.ends[COLLISION]} ({s.faults} at fault)" for s in summaries],
         **{e: [str(s.ends[e]) for s in summaries] for e in (OFF_ROAD, REACHED, TIME_OUT)},
@@ -104,7 +105,7 @@ def _print_paired(
         found = paired(rows, scene, others, "foresight", other)
         if other != "foresight" and found is not None:
             console.print(
-                f"  {LABELS[other]}: collisions {found.collisions:+d}, gap "
+                f"  {label_of(other)}: collisions {found.collisions:+d}, gap "
                 f"{mean_and_half(found.gap)} m, time to goal {mean_and_half(found.time)} s "
                 f"({found.seeds} seeds)"
             )
@@ -142,6 +143,6 @@ def _band(axes: Axes, series: Sequence[Float[np.ndarray, "_"]], ego: str, width:
     longest = max(map(len, series))
     held = np.stack([np.pad(s, (0, longest - len(s)), mode="edge") for s in series])
     times = DT * np.arange(longest)
-    axes.plot(times, held.mean(axis=0), color=COLOURS[ego], lw=width, label=LABELS[ego])
+    axes.plot(times, held.mean(axis=0), color=colour_of(ego), lw=width, label=label_of(ego))
     low, high = np.percentile(held, [10, 90], axis=0)
-    axes.fill_between(times, low, high, color=COLOURS[ego], alpha=0.15, lw=0)
+    axes.fill_between(times, low, high, color=colour_of(ego), alpha=0.15, lw=0)

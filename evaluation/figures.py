@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 
 from evaluation.estimation import LEAST_STD, bound, truth
 from evaluation.heatmap import Heatmap
+from evaluation.naming import colour_of, label_of
 from evaluation.recorded import Encounter, Judged
 from evaluation.store import Row, write_atomically
 from foresight_env.envs.style import COLOURS as AGENT_COLOURS
@@ -22,24 +23,6 @@ from foresight_env.envs.style import INTERVAL_DEVIATIONS
 from foresight_env.inverse import Estimate
 from foresight_env.scenarios.crosswalk import MONTE_CARLO
 
-COLOURS = {
-    "truth": "#000000",
-    "foresight": "#0072B2",
-    "farsighted": "#D55E00",
-    "constant velocity": "#009E73",
-    "constant-velocity": "#009E73",
-    "constant-turn-rate": "#56B4E9",
-    "oracle": "#CC79A7",
-    "idm": "#E69F00",
-}
-LABELS = {
-    "foresight": "gamma inferred",
-    "farsighted": "gamma = 1",
-    "constant-velocity": "constant velocity",
-    "constant-turn-rate": "constant turn rate",
-    "oracle": "oracle",
-    "idm": "IDM",
-}
 AGENTS = tuple("#{:02X}{:02X}{:02X}".format(*colour) for colour in AGENT_COLOURS)
 """As in the pictures of the environment."""
 LEAST_SPAN = 4.0
@@ -98,10 +81,12 @@ def representative_trial(
         scene.plot(*goal, "X", color="black", ms=10, label="true goal" if i == 0 else None)
     for name, found in fits.items():
         for i in range(2):
-            label = LABELS[name] if i == 0 else None
-            scene.plot(*found.solution.states[i][:, :2].T, color=COLOURS[name], lw=1.6, label=label)
+            label = label_of(name) if i == 0 else None
+            scene.plot(
+                *found.solution.states[i][:, :2].T, color=colour_of(name), lw=1.6, label=label
+            )
             goal = found.theta[i]["goal"]
-            scene.plot(*np.clip(goal, -1.0, 3.0), "x", color=COLOURS[name], ms=8, mew=2)
+            scene.plot(*np.clip(goal, -1.0, 3.0), "x", color=colour_of(name), ms=8, mew=2)
     _metres(scene)
     scene.set_title("what noisy observations imply (x: inferred goals)", fontsize=10)
     scene.margins(0.3, 0.2)
@@ -116,10 +101,10 @@ def representative_trial(
             0.38,
             yerr=np.abs(found.gamma_interval[i] - found.gamma[i])[:, None],
             capsize=4,
-            color=COLOURS["foresight"],
+            color=colour_of("foresight"),
             label="inferred, 90 % interval" if i == 0 else None,
         )
-    bars.axhline(1.0, color=COLOURS["farsighted"], ls="--", label="baseline: gamma = 1")
+    bars.axhline(1.0, color=colour_of("farsighted"), ls="--", label="baseline: gamma = 1")
     bars.set_xticks([0, 1], ["agent 0", "agent 1"])
     bars.set_title("inferred discount factors", fontsize=10)
     bars.set_ylim(0.0, 1.1)
@@ -151,13 +136,13 @@ def error_against_noise(rows: Sequence[Row], path: Path) -> Path:
             noisy = np.array(stds) > 0.0
             axes.plot(
                 np.array(stds)[noisy], mean[noisy], ".-",
-                color=COLOURS[method], label=LABELS[method],
+                color=colour_of(method), label=label_of(method),
             )  # fmt: skip
             axes.plot(np.array(stds)[~noisy], np.maximum(mean[~noisy], floor), "v",
-                      color=COLOURS[method], clip_on=False)  # fmt: skip
+                      color=colour_of(method), clip_on=False)  # fmt: skip
             axes.fill_between(
                 np.array(stds)[noisy], low[noisy], high[noisy],
-                color=COLOURS[method], alpha=0.2, lw=0,
+                color=colour_of(method), alpha=0.2, lw=0,
             )  # fmt: skip
         grid = np.linspace(LEAST_STD, max(r["std"] for r in rows), 100)
         limit = bound(observation) * grid**2
@@ -209,10 +194,10 @@ def closed_loop_summary(rows: Sequence[Row], egos: Sequence[str], path: Path) ->
             values = np.array([r[column] for r in rows if r["ego"] == ego and not r["error"]])
             # A fixed spread keeps equal values apart without hiding any.
             place = k + 0.25 * np.sin(2.4 * np.arange(len(values)))
-            axes.plot(place, values, ".", color=COLOURS[ego], alpha=0.6, ms=5)
+            axes.plot(place, values, ".", color=colour_of(ego), alpha=0.6, ms=5)
             axes.plot([k - 0.3, k + 0.3], [values.mean()] * 2, color="black", lw=2)
         axes.set_xticks(
-            range(len(egos)), [LABELS[e].replace(" ", "\n", 1) for e in egos], fontsize=8
+            range(len(egos)), [label_of(e).replace(" ", "\n", 1) for e in egos], fontsize=8
         )
         axes.set_title(label, fontsize=9)
     figure.suptitle("episodes (dots) and means (bars)", fontsize=9)
@@ -259,7 +244,7 @@ def recorded_encounter(encounter: Encounter, forecasts: Sequence[Judged], path: 
         )  # fmt: skip
         _name(axes, name, seen[~np.isnan(seen[:, 0])][0])
     for found in forecasts:
-        label = LABELS.get(found.predictor, found.predictor)
+        label = label_of(found.predictor)
         told = f"{label} (ADE {found.average_error:.2f} m, FDE {found.final_error:.2f} m)"
         path_to = found.forecast.likeliest
         for a in range(len(window.agents)):
@@ -269,7 +254,7 @@ def recorded_encounter(encounter: Encounter, forecasts: Sequence[Judged], path: 
             axes.plot(
                 # Wider, since the others often lie on top of it.
                 *line.T, ".-", ms=3, lw=3.0 if found.predictor == "foresight" else 1.2,
-                color=COLOURS[found.predictor],
+                color=colour_of(found.predictor),
                 label=told if a == 0 else None,
             )  # fmt: skip
     _metres(axes)

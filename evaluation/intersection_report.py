@@ -12,9 +12,10 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from evaluation.figures import AGENTS, COLOURS, LABELS, save
+from evaluation.figures import AGENTS, save
 from evaluation.intersection_study import METHODS, Prediction
 from evaluation.intersection_window import Case
+from evaluation.naming import colour_of, label_of
 from evaluation.statistics import mean_and_error
 from evaluation.store import Row
 from foresight_env.scenarios.junction import JUNCTION_REGION
@@ -58,7 +59,7 @@ def print_errors(console: Console, rows: Sequence[Row]) -> None:
             table.add_row(
                 observation,
                 f"{std:.3f}",
-                LABELS.get(method, method),
+                label_of(method),
                 str(errors.size),
                 f"{mean:.3g}" + (f" ±{spread:.2g}" if spread > 0.0 else ""),
                 ratio,
@@ -106,7 +107,7 @@ def print_predictions(
     for name in ("method", "ADE [m]", "FDE [m]", "gammas"):
         table.add_column(escape(name))
     for p in predictions:
-        label = LABELS.get(p.method, p.method) + ("" if p.solved else " (failed: straight on)")
+        label = label_of(p.method) + ("" if p.solved else " (failed: straight on)")
         told = "-" if p.gamma is None else ", ".join(f"{g:.2f}" for g in p.gamma)
         table.add_row(label, f"{p.average_error:.2f}", f"{p.final_error:.2f}", told)
     console.print(table)
@@ -125,7 +126,7 @@ def error_over_noise(rows: Sequence[Row], path: Path) -> Path:
             means, spreads = np.array(told).T
             axes.errorbar(
                 stds, means, yerr=spreads, fmt=".-", capsize=3,
-                color=COLOURS[method], label=LABELS.get(method, method),
+                color=colour_of(method), label=label_of(method),
             )  # fmt: skip
         axes.set_yscale("log")
         axes.yaxis.set_major_formatter(PLAIN)
@@ -166,7 +167,7 @@ def snapshot(case: Case, known: int, predictions: Sequence[Prediction], path: Pa
                 textcoords="offset points",
                 fontsize=8,
             )
-        label = LABELS.get(p.method, p.method)
+        label = label_of(p.method)
         axes.set_title(f"{label}: ADE {p.average_error:.2f} m", fontsize=10)
         axes.set_aspect("equal")
         axes.set_xlabel("x [m]")

@@ -12,7 +12,8 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from evaluation.figures import COLOURS, LABELS, save
+from evaluation.figures import save
+from evaluation.naming import colour_of, label_of
 from evaluation.prediction import SECONDS, WINDOW
 from evaluation.statistics import clustered_interval
 from evaluation.store import Row
@@ -80,7 +81,7 @@ def summary(rows: Sequence[Row]) -> list[Line]:
             lines.append(
                 {
                     "data": _name(part),
-                    "predictor": LABELS.get(predictor, predictor),
+                    "predictor": label_of(predictor),
                     "windows": len(mine),
                     "ADE [m]": f"{_mean(_column(mine, 'average_error')):.3f}",
                     "missed": f"{_column(mine, 'missed').sum() / agents:.0%}",
@@ -100,7 +101,7 @@ def over_time(rows: Sequence[Row]) -> list[Line]:
     return [
         {
             "data": _name(part),
-            "predictor": LABELS.get(predictor, predictor),
+            "predictor": label_of(predictor),
             **{
                 f"{t:g} s: ADE / FDE [m]": " / ".join(
                     f"{_mean(_column(mine, f'{kind}_{t:g}')):.2f}" for kind in ("ade", "fde")
@@ -131,7 +132,7 @@ def differences(rows: Sequence[Row]) -> list[Line]:
             lines.append(
                 {
                     "data": _name(part),
-                    f"{LABELS.get(names[0], names[0])} minus": LABELS.get(other, other),
+                    f"{label_of(names[0])} minus": label_of(other),
                     "windows": len(gap),
                     "groups": len(set(groups)),
                     "ADE [m]": f"{interval.mean:+.3f}"
@@ -167,7 +168,7 @@ def by_class(rows: Sequence[Row]) -> list[Line]:
                 lines.append(
                     {
                         "data": _name(part),
-                        "predictor": LABELS.get(predictor, predictor),
+                        "predictor": label_of(predictor),
                         **{
                             f"{name}: ADE [m]": f"{_mean(e):.3f} (n = {len(e)})" if len(e) else "-"
                             for name, e in errors.items()
@@ -224,8 +225,8 @@ def error_over_time(rows: Sequence[Row], path: Path) -> Path:
                 continue
             means = [_mean(_column(mine, f"fde_{t:g}")) for t in SECONDS]
             axes.plot(
-                SECONDS, means, "o-", ms=4, color=COLOURS.get(predictor, "0.4"),
-                label=LABELS.get(predictor, predictor),
+                SECONDS, means, "o-", ms=4, color=colour_of(predictor),
+                label=label_of(predictor),
             )  # fmt: skip
         count = len(
             {tuple(r[k] for k in WINDOW) for r in rows if (r["source"], r["split"]) == part}

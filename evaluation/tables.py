@@ -12,7 +12,7 @@ from rich.table import Table
 
 from evaluation.closed_loop import MAX_STEPS, Summary, paired_difference
 from evaluation.estimation import LEAST_STD, METHODS, bound
-from evaluation.figures import LABELS
+from evaluation.naming import label_of
 from evaluation.recorded import Encounter, Judged
 from evaluation.statistics import Interval, mean_interval
 from evaluation.store import Row
@@ -34,7 +34,7 @@ def print_closed_loop(console: Console, summaries: Sequence[Summary], rows: Sequ
     table = Table(title="Closed loop: an ego among short-sighted others (means ±95 %)")
     table.add_column("", no_wrap=True)
     for s in summaries:
-        table.add_column(LABELS[s.ego], justify="right")
+        table.add_column(label_of(s.ego), justify="right")
     lines: dict[str, list[str]] = {
         "episodes": [str(s.episodes) for s in summaries],
         "collisions": [str(s.collisions) for s in summaries],
@@ -72,7 +72,7 @@ def print_closed_loop(console: Console, summaries: Sequence[Summary], rows: Sequ
             cost = paired_difference(list(rows), "foresight", other, "cost", with_collisions=False)
             distance = paired_difference(list(rows), "foresight", other, "min_distance")
             console.print(
-                f"  {LABELS[other]}: cost {mean_and_half(cost, 1)}, min distance "
+                f"  {label_of(other)}: cost {mean_and_half(cost, 1)}, min distance "
                 f"{mean_and_half(distance)} m"
             )
 
@@ -135,7 +135,7 @@ def print_encounters(
     table.add_column("steps", justify="right")
     names = [f.predictor for f in results[0][1]]
     for name in names:
-        table.add_column(LABELS.get(name, name), justify="right")
+        table.add_column(label_of(name), justify="right")
     table.add_column("gammas", justify="right")
     for encounter, forecasts in results:
         cells = [
@@ -161,7 +161,7 @@ def print_encounters(
             average = mean_interval(np.array([f[k].average_error for _, f in results]))
             final = mean_interval(np.array([f[k].final_error for _, f in results]))
             console.print(
-                f"{LABELS.get(name, name)}: mean ADE {mean_and_half(average)} m, mean FDE "
+                f"{label_of(name)}: mean ADE {mean_and_half(average)} m, mean FDE "
                 f"{mean_and_half(final)} m"
             )
 

@@ -10,7 +10,7 @@ from made_rows import episode_rows, estimation_rows
 from rich.console import Console
 
 from agents.predictor import Forecast, History
-from evaluation import figures, tables
+from evaluation import figures, naming, tables
 from evaluation.closed_loop import summarise
 from evaluation.prediction_window import PredictionWindow
 from evaluation.recorded import PREDICTORS, Encounter, Judged
@@ -134,6 +134,6 @@ def test_a_picture_of_an_encounter_shows_enough(tmp_path, monkeypatch, span):
     (axes,) = saved[0].axes
     for low, high in (axes.get_xlim(), axes.get_ylim()):
         assert high - low >= 4.0
-    lines = [line for line in axes.lines if line.get_color() == figures.COLOURS["farsighted"]]
+    lines = [line for line in axes.lines if line.get_color() == naming.colour_of("farsighted")]
     ends = [np.flatnonzero(~np.isnan(line.get_xdata()))[-1] for line in lines]
     assert ends == [10, 7]  # predictions end where the recording does
