@@ -34,6 +34,11 @@ class EncounterBelief(NamedTuple):
     """Center and weight of the belief about people's discount factors."""
     driving_gamma: tuple[float, float] = (0.7, 16.0)
     """And about vehicles'."""
+    walking_wander: float = 0.08
+    """Nobody keeps to an equilibrium exactly: density of the white acceleration that carries people
+    off it, m^2/s^3."""
+    driving_wander: float = 0.6
+    """And vehicles."""
 
     def gamma(self, kind: str) -> tuple[float, float]:
         """Center and weight of the belief about a discount factor."""
@@ -44,6 +49,22 @@ class EncounterBelief(NamedTuple):
         if is_vehicle(kind):
             return np.array([self.speed_deviation, self.curvature_deviation])
         return np.array([self.velocity_deviation, self.velocity_deviation])
+
+
+def wandering(
+    belief: EncounterBelief, history: History, steps: int
+) -> Float[np.ndarray, "P N 2 2"]:
+    """Covariance of where agents have strayed from what they meant to do, after 1..P steps.
+
+    White acceleration, integrated twice (Bar-Shalom et al., "Estimation with Applications to
+    Tracking and Navigation", 2001, section 6.2).
+    """
+    density = [
+        belief.driving_wander if is_vehicle(kind) else belief.walking_wander
+        for kind in history.kinds
+    ]
+    times = history.dt * np.arange(1, steps + 1)
+    return np.asarray(np.multiply.outer(np.outer(times**3 / 3.0, density), np.eye(2)))
 
 
 def latest_wish(history: History, agent: int) -> Any:

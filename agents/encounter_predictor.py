@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from agents.encounter_fit import EncounterBelief, latest_wish, seen_states
+from agents.encounter_fit import EncounterBelief, latest_wish, seen_states, wandering
 from agents.kinematic import ConstantVelocityPredictor
 from agents.predictor import Forecast, History
 from foresight_env.equilibrium import Status
@@ -53,7 +53,7 @@ class EncounterPredictor:
         return Forecast(
             path[None],
             np.ones(1),
-            _covariance(found, future)[None],
+            (_covariance(found, future) + wandering(self.belief, history, steps))[None],
             found.gamma,
             found.gamma_deviation,
             np.array(determined, dtype=bool),

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from agents.encounter_fit import EncounterBelief, filled_states, latest_wish
+from agents.encounter_fit import EncounterBelief, filled_states, latest_wish, wandering
 from agents.kinematic import ConstantVelocityPredictor
 from agents.predictor import Forecast, History
 from foresight_env.equilibrium import Solution, Status, solve_many
@@ -73,6 +73,7 @@ class ParticleFilterPredictor:
         mean = paths.mean(axis=0)
         away = paths - mean
         covariance = np.einsum("btna,btnc->tnac", away, away) / len(paths)
+        covariance = covariance + wandering(self.belief, history, steps)
         gamma = particles.gamma[solved]
         return Forecast(
             mean[None], np.ones(1), covariance[None], gamma.mean(axis=0), gamma.std(axis=0)

@@ -18,6 +18,7 @@ import numpy as np
 from jaxtyping import Float
 
 from agents import Decision, make_ego
+from evaluation.provenance import fingerprint
 from evaluation.statistics import Interval, mean_interval
 from evaluation.store import Row, Store
 from evaluation.trials import run_trials
@@ -27,8 +28,8 @@ EGO_GAMMA = 0.95
 """The ego's own discount factor: a robot that looks ahead."""
 OTHERS_GAMMA = (0.3, 1.0)
 MAX_STEPS = 100
-KEY = ("ego", "seed")
-SCHEMA = 2
+KEY = ("ego", "settings", "seed")
+SCHEMA = 3
 """Counted up when rows get other columns or mean something else: older folders are refused."""
 INFERRING = ("foresight",)
 """Egos that infer the discount factors in their decisions; others know or assume them."""
@@ -108,8 +109,8 @@ def warm_up(ego: str, setting: ClosedLoop) -> None:
         pass
 
 
-def run_episode(ego: str, seed: int, **setting: Any) -> Row:
-    """One episode's row."""
+def run_episode(ego: str, settings: str, seed: int, **setting: Any) -> Row:
+    """One episode's row; `settings` tells egos of the same name apart in the store."""
     warm_up(ego, ClosedLoop(**setting))
     env = make_environment(ClosedLoop(**setting))
     steps = list(episode(env, ego, seed))
@@ -149,7 +150,12 @@ def study(
     """
     configuration = {**setting.__dict__, "schema": SCHEMA}
     store = Store(folder, "closed loop", configuration, KEY, fresh=fresh)
-    trials = [{"ego": e, "seed": s, **setting.__dict__} for s in seeds for e in egos]
+    settings = {ego: fingerprint(make_ego(ego)) for ego in egos}
+    trials = [
+        {"ego": ego, "settings": settings[ego], "seed": seed, **setting.__dict__}
+        for seed in seeds
+        for ego in egos
+    ]
     return run_trials(run_episode, trials, store, workers=workers, label="closed loop")
 
 

@@ -14,15 +14,17 @@ from typing import NamedTuple
 
 import numpy as np
 
+from agents import make_ego
 from evaluation.closed_loop import WARM_UP_STEPS, episode
 from evaluation.metrics import at_fault, comfort
+from evaluation.provenance import fingerprint
 from evaluation.run_setting import RunSetting
 from evaluation.statistics import Interval, mean_interval
 from evaluation.store import Row, Store
 from evaluation.trials import run_trials
 
-KEY = ("scene", "others", "ego", "seed")
-SCHEMA = 1
+KEY = ("scene", "others", "ego", "settings", "seed")
+SCHEMA = 2
 """Counted up when rows get other columns or mean something else: older folders are refused."""
 EGO = 0
 """The ego's car."""
@@ -51,8 +53,10 @@ def _warm_up(scene: str, others: str, ego: str, setting: DrivingSetting) -> None
         pass
 
 
-def run_episode(scene: str, others: str, ego: str, seed: int, **setting: object) -> Row:
-    """One episode's row."""
+def run_episode(
+    scene: str, others: str, ego: str, settings: str, seed: int, **setting: object
+) -> Row:
+    """One episode's row; `settings` tells egos of the same name apart in the store."""
     configured = DrivingSetting(**setting)  # type: ignore[arg-type]
     _warm_up(scene, others, ego, configured)
     chosen = configured.of(scene, others)
@@ -98,8 +102,16 @@ def study(
     Episodes that the folder has already are not run again.
     """
     store = Store(folder, "driving", {**asdict(setting), "schema": SCHEMA}, KEY)
+    settings = {ego: fingerprint(make_ego(ego)) for ego in egos}
     trials = [
-        {"scene": scene, "others": other, "ego": ego, "seed": seed, **asdict(setting)}
+        {
+            "scene": scene,
+            "others": other,
+            "ego": ego,
+            "settings": settings[ego],
+            "seed": seed,
+            **asdict(setting),
+        }
         for seed in seeds
         for scene in scenes
         for other in others

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, is_dataclass
 from functools import lru_cache
 from itertools import combinations
 from pathlib import Path
@@ -18,7 +16,13 @@ from jaxtyping import Float
 from agents.predictor import Forecast, History
 from agents.registry import make_predictor
 from evaluation import prediction_window
-from evaluation.metrics import displacement, displacement_until, missed
+from evaluation.metrics import (
+    best_displacement,
+    displacement,
+    displacement_until,
+    missed,
+    negative_log_likelihood,
+)
 from evaluation.prediction_window import (
     PredictionWindow,
     connected,
@@ -26,6 +30,7 @@ from evaluation.prediction_window import (
     interaction_windows,
     split_of,
 )
+from evaluation.provenance import fingerprint
 from evaluation.store import Row, Store
 from evaluation.trials import Trial, run_trials
 from foresight_env.datasets import Recording, open_recording, recordings_below
@@ -47,6 +52,10 @@ RULE = (
     "LEAST_PREDICTED",
     "MOST_AGENTS",
 )
+SCHEMA = 2
+"""Changes with the columns of a row: folders of before are refused, not mixed up."""
+MODES = 5
+"""Of how many of the likeliest futures the best counts, as in most benchmarks (nuScenes)."""
 STANDING = 0.05
 """Who moves less than this in a step keeps its heading, m."""
 
@@ -102,7 +111,7 @@ def _motions(history: History, agent: int, path: Float[np.ndarray, "P 2"]) -> li
 
 
 def judged(window: PredictionWindow, forecast: Forecast) -> Row:
-    """A forecast's metrics; of several futures the likeliest counts."""
+    """A forecast's metrics; of several futures the likeliest counts, where nothing else is said."""
     path, truth, present = forecast.likeliest, window.truth, window.present
     history = window.history
     average, final = displacement(path, truth, present)
@@ -119,6 +128,13 @@ def judged(window: PredictionWindow, forecast: Forecast) -> Row:
         ],
         "gamma": [] if forecast.gamma is None else forecast.gamma.tolist(),
     }
+    best = best_displacement(forecast.positions, forecast.probabilities, truth, present, MODES)
+    row["best_average_error"], row["best_final_error"] = best
+    row["surprise"] = float("nan")
+    if forecast.covariance is not None:
+        row["surprise"] = negative_log_likelihood(
+            forecast.positions, forecast.probabilities, forecast.covariance, truth, present
+        )
     for seconds in SECONDS:
         until = displacement_until(path, truth, present, history.dt, seconds)
         row[f"ade_{seconds:g}"], row[f"fde_{seconds:g}"] = until
@@ -172,7 +188,7 @@ def study(
     """
     if split not in ("development", "test", "all"):
         raise ValueError(f"split: is {split!r}; expected development, test or all")
-    settings = {name: _settings(name) for name in predictors}
+    settings = {name: fingerprint(make_predictor(name)) for name in predictors}
     found: list[tuple[PredictionWindow, str, str, Place]] = []
     names = []
     for directory, name in recordings_below(data):
@@ -187,7 +203,7 @@ def study(
             f"--data: nobody interacts in the recordings of {data} (split {split}: "
             f"{', '.join(names) or 'none'})"
         )
-    rule = {name: getattr(prediction_window, name) for name in RULE}
+    rule = {name: getattr(prediction_window, name) for name in RULE} | {"schema": SCHEMA}
     store = Store(folder, "prediction", rule, KEY, fresh=fresh)
     trials: list[Trial] = []
     about: dict[tuple[Any, ...], Row] = {}
@@ -212,13 +228,6 @@ def study(
         ]
     rows = run_trials(run_window, trials, store, workers=workers, label="windows", chunk=32)
     return [{**row, **about[tuple(row[k] for k in WINDOW)]} for row in rows]
-
-
-def _settings(predictor: str) -> str:
-    """What makes another predictor of the same name."""
-    made: Any = make_predictor(predictor)
-    named = is_dataclass(made) and not isinstance(made, type)
-    return json.dumps(asdict(made)) if named else ""
 
 
 def _digest(recording: Recording) -> str:

@@ -64,6 +64,10 @@ def _digits(value: float) -> str:
     return f"{value:.0f}" if value >= 10.0 else f"{value:.2g}"
 
 
+def _number(value: float) -> str:
+    return "-" if np.isnan(value) else f"{value:.2f}"
+
+
 def _mean(values: Float[np.ndarray, "n"]) -> float:
     return float(np.nanmean(values)) if np.isfinite(values).any() else float("nan")
 
@@ -108,6 +112,32 @@ def over_time(rows: Sequence[Row]) -> list[Line]:
                 )
                 for t in SECONDS
             },
+        }
+        for part in parts(rows)
+        for predictor in predictors(rows)
+        if (mine := _of(rows, part, predictor))
+    ]
+
+
+def likelihoods(rows: Sequence[Row]) -> list[Line]:
+    """A line per data set, split and predictor: what forecasts of chances and many futures reach.
+
+    Nothing where no predictor says more than one future.
+    """
+    if not any(
+        r["best_average_error"] != r["average_error"] or not np.isnan(r["surprise"])
+        for r in rows
+        if not r["error"]
+    ):
+        return []
+    return [
+        {
+            "data": _name(part),
+            "predictor": label_of(predictor),
+            "best of 5: ADE / FDE [m]": " / ".join(
+                f"{_mean(_column(mine, f'best_{kind}_error')):.2f}" for kind in ("average", "final")
+            ),
+            "NLL": _number(_mean(_column(mine, "surprise"))),
         }
         for part in parts(rows)
         for predictor in predictors(rows)
@@ -189,6 +219,7 @@ def print_prediction(console: Console, rows: Sequence[Row]) -> None:
     for title, lines in (
         ("predictions, means over windows", summary(rows)),
         ("errors over time", over_time(rows)),
+        ("several futures, and how likely they are", likelihoods(rows)),
         ("on the same windows", differences(rows)),
         ("by class of agent", by_class(rows)),
     ):
@@ -202,8 +233,10 @@ def print_prediction(console: Console, rows: Sequence[Row]) -> None:
             console.print(table)
     console.print(
         "missed: agents predicted more than 2 m off at the last step they are there. touch: pairs "
-        "predicted to touch (recorded: that did). Brackets: 95 % intervals, whole groups of "
-        "windows that share agents resampled."
+        "predicted to touch (recorded: that did). Best of 5: of the five likeliest joint futures "
+        "the one of least ADE. NLL: minus the log of the probability density (1/m^2) that a "
+        "forecast gives to what happened, where it has one; less is better. Brackets: 95 % "
+        "intervals, whole groups of windows that share agents resampled."
     )
     broken = [r for r in rows if r["error"]]
     if broken:

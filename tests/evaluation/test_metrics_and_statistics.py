@@ -7,11 +7,14 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from evaluation.metrics import (
+    LEAST_DEVIATION,
     at_fault,
+    best_displacement,
     comfort,
     displacement,
     displacement_until,
     missed,
+    negative_log_likelihood,
     trajectory_error,
 )
 from evaluation.statistics import mean_interval
@@ -62,6 +65,48 @@ def test_missed_by_hand():
     present = np.array([[True, True, True, False], [True, True, False, False]])
     truth[~present] = np.nan
     assert missed(predicted, truth, present).tolist() == [False, True, True, False]
+
+
+def test_likelihood_by_hand():
+    """One Gaussian, then the same twice with half the probability each, then one far away."""
+    positions, truth = np.zeros((1, 1, 1, 2)), np.array([[[3.0, 4.0]]])
+    wide = np.full((1, 1, 1, 2, 2), 0.0) + (4.0 - LEAST_DEVIATION**2) * np.eye(2)
+    here = np.ones((1, 1), bool)
+    wanted = 25.0 / (2.0 * 4.0) + np.log(2.0 * np.pi * 4.0)
+    found = negative_log_likelihood(positions, np.ones(1), wide, truth, here)
+    assert found == pytest.approx(wanted)
+    twice = np.repeat(positions, 2, axis=0), np.full(2, 0.5), np.repeat(wide, 2, axis=0)
+    assert negative_log_likelihood(*twice, truth, here) == pytest.approx(wanted)
+    twice[0][1] = 1e3
+    far = negative_log_likelihood(*twice, truth, here)
+    assert far == pytest.approx(wanted + np.log(2.0))
+    certain = np.array([1.0, 0.0])  # a future without probability counts for nothing
+    assert negative_log_likelihood(twice[0], certain, twice[2], truth, here) == pytest.approx(
+        wanted
+    )
+
+
+def test_likelihood_prefers_the_covariance_that_errors_have():
+    random = np.random.default_rng(0)
+    truth, present = random.normal(0.0, 0.5, (400, 1, 2)), np.ones((400, 1), bool)
+    found = {}
+    for deviation in (0.25, 0.5, 1.0):
+        covariance = np.full((1, 400, 1, 2, 2), 0.0) + deviation**2 * np.eye(2)
+        found[deviation] = negative_log_likelihood(
+            np.zeros((1, 400, 1, 2)), np.ones(1), covariance, truth, present
+        )
+    assert min(found, key=found.__getitem__) == 0.5
+
+
+def test_best_displacement_by_hand():
+    """The third future is right, but only two of the likeliest count."""
+    truth, present = np.zeros((2, 1, 2)), np.ones((2, 1), bool)
+    positions = np.stack([np.full((2, 1, 2), x) for x in (1.0, 2.0, 0.0)])
+    chances = np.array([0.5, 0.3, 0.2])
+    assert best_displacement(positions, chances, truth, present, 1) == pytest.approx([2**0.5] * 2)
+    assert best_displacement(positions, chances, truth, present, 2) == pytest.approx([2**0.5] * 2)
+    assert best_displacement(positions, chances, truth, present, 3) == (0.0, 0.0)
+    assert best_displacement(positions, chances[::-1], truth, present, 1) == (0.0, 0.0)
 
 
 def test_who_is_at_fault():

@@ -8,7 +8,7 @@ import pytest
 from made_crossings import FRAMES, RATE, recording, two_people, walk
 from rich.console import Console
 
-from agents.predictor import History, single
+from agents.predictor import Forecast, History, single
 from evaluation import prediction, prediction_report
 from evaluation.prediction import judged, overlaps, study
 from evaluation.prediction_window import (
@@ -136,6 +136,20 @@ def test_a_perfect_forecast_and_a_shifted_one():
         assert off[name] == pytest.approx(3.0)
     assert off["agent_errors"] == pytest.approx([3.0, 3.0])
     assert off["missed"] == 2
+    assert np.isnan(perfect["surprise"])  # it says nothing of chances
+
+
+def test_the_best_of_several_futures_and_their_chances():
+    window = cut(two_people(), ("1", "2"), 120)
+    shifted = window.truth + np.array([3.0, 0.0])
+    both, chances = np.stack([shifted, window.truth]), np.array([0.75, 0.25])
+    spread = np.full((*both.shape, 2), 0.0) + 0.25 * np.eye(2)
+    row = judged(window, Forecast(both, chances, spread))
+    assert row["average_error"] == pytest.approx(3.0)
+    assert row["best_average_error"] == row["best_final_error"] == 0.0
+    surer = judged(window, Forecast(both, chances[::-1], spread))
+    assert surer["average_error"] == 0.0
+    assert surer["surprise"] < row["surprise"]
 
 
 @pytest.fixture(scope="module")
@@ -189,6 +203,9 @@ def test_the_report_tells_what_broke_and_compares_the_rest(tmp_path, data):
     # The window that broke for one is left out for both.
     assert turn["windows"] == velocity["windows"] == len(rows) // 2 - 1
     assert (turn["ADE [m]"], velocity["ADE [m]"]) == ("2.000", "1.000")
+    assert prediction_report.likelihoods(rows) == []
+    told = [{**r, "surprise": 1.5} for r in rows]
+    assert {line["NLL"] for line in prediction_report.likelihoods(told)} == {"1.50"}
     (line,) = prediction_report.differences(rows)
     assert line["ADE [m]"] == "+1.000 (too few groups)"
     assert line["won"] == "0%"

@@ -144,7 +144,7 @@ def test_studies_can_be_extended(tmp_path, monkeypatch):
     """More seeds, egos, levels or sequences go into the same folder, others settings do not."""
     asked = []
 
-    def episode(ego, seed, **setting):
+    def episode(ego, settings, seed, **setting):
         asked.append((ego, seed))
         return {"x": 1}
 
