@@ -130,7 +130,7 @@ def judged(window: PredictionWindow, forecast: Forecast) -> Row:
     }
     best = best_displacement(forecast.positions, forecast.probabilities, truth, present, MODES)
     row["best_average_error"], row["best_final_error"] = best
-    row["surprise"] = float("nan")
+    row["surprise"] = None
     if forecast.covariance is not None:
         row["surprise"] = negative_log_likelihood(
             forecast.positions, forecast.probabilities, forecast.covariance, truth, present

@@ -125,7 +125,7 @@ def likelihoods(rows: Sequence[Row]) -> list[Line]:
     Nothing where no predictor says more than one future.
     """
     if not any(
-        r["best_average_error"] != r["average_error"] or not np.isnan(r["surprise"])
+        r["best_average_error"] != r["average_error"] or r["surprise"] is not None
         for r in rows
         if not r["error"]
     ):

@@ -136,7 +136,7 @@ def test_a_perfect_forecast_and_a_shifted_one():
         assert off[name] == pytest.approx(3.0)
     assert off["agent_errors"] == pytest.approx([3.0, 3.0])
     assert off["missed"] == 2
-    assert np.isnan(perfect["surprise"])  # it says nothing of chances
+    assert perfect["surprise"] is None  # it says nothing of chances
 
 
 def test_the_best_of_several_futures_and_their_chances():
