@@ -193,7 +193,9 @@ def test_bad_requests(tmp_path, data):
 
 def test_the_report_tells_what_broke_and_compares_the_rest(tmp_path, data):
     rows = study(tmp_path / "study", data, SIMPLE, workers=0)
-    rows = [{**r, "average_error": 1.0 + (r["predictor"] == SIMPLE[1])} for r in rows]
+    errors = [1.0 + (r["predictor"] == SIMPLE[1]) for r in rows]
+    names = ("average_error", "best_average_error")
+    rows = [{**r, **dict.fromkeys(names, e)} for r, e in zip(rows, errors, strict=True)]
     rows[0] = {**rows[0], "error": "ValueError: no luck"}
     console = Console(file=io.StringIO(), width=100)
     prediction_report.print_prediction(console, rows)
