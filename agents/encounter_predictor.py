@@ -19,6 +19,9 @@ IMPLAUSIBLE = 30.0
 """Squared deviations per observed number beyond which a fit explains nothing: good ones leave about
 one half, a search that was lost hundreds."""
 
+LEAST_STEPS = 2
+"""Observations that a fit needs."""
+
 
 @dataclass(frozen=True)
 class EncounterPredictor:
@@ -40,12 +43,16 @@ class EncounterPredictor:
         return "foresight" if self.infer else "farsighted"
 
     def predict(self, history: History, steps: int) -> Forecast:
-        """Where everybody will be; constant velocity, marked so, where no fit succeeds."""
+        """Where everybody will be; constant velocity, marked so, where no fit succeeds.
+
+        A single observation is nothing to fit to.
+        """
+        if len(history.states) < LEAST_STEPS:
+            return _straight(history, steps)
         found = self.fit(history, steps)
         numbers = np.count_nonzero(~np.isnan(history.states))
         if int(found.status) != Status.SOLVED or found.cost > IMPLAUSIBLE * numbers:
-            straight = ConstantVelocityPredictor().predict(history, steps)
-            return Forecast(straight.positions, straight.probabilities, fallback=True)
+            return _straight(history, steps)
         future = slice(len(history.states), None)
         path = np.stack([s[future, :2] for s in found.solution.states], axis=1)
         flags = dict(zip(found.names, found.determined, strict=True))
@@ -99,6 +106,11 @@ class EncounterPredictor:
         walking = (("velocity", belief.velocity_deviation),)
         steered = (("speed", belief.speed_deviation), ("curvature", belief.curvature_deviation))
         return (() if all(driving) else walking) + (steered if any(driving) else ())
+
+
+def _straight(history: History, steps: int) -> Forecast:
+    straight = ConstantVelocityPredictor().predict(history, steps)
+    return Forecast(straight.positions, straight.probabilities, fallback=True)
 
 
 def _covariance(found: Estimate, future: slice) -> Float[np.ndarray, "P N 2 2"]:
