@@ -6,10 +6,11 @@ import pytest
 from PIL import Image
 from typer.testing import CliRunner
 
-import evaluation.command_line as command_line
 from agents import EGOS, PREDICTORS
 from agents.registry import DRIVING_EGOS
-from evaluation.command_line import DRIVING_EGO_NAMES, EGO_NAMES, PREDICTOR_NAMES, Scene, app
+from evaluation import command_line, options
+from evaluation.command_line import app
+from evaluation.options import DRIVING_EGO_NAMES, EGO_NAMES, PREDICTOR_NAMES, Scene
 from evaluation.sample import write_sample
 from foresight_env.highway.scenes import SCENES
 
@@ -32,7 +33,7 @@ def sample(tmp_path_factory):
 @pytest.fixture(autouse=True)
 def environment(monkeypatch):
     """The command chooses a cache through the environment; not for the tests after this one."""
-    monkeypatch.setattr(command_line, "keep_compiled_programs", lambda: None)
+    monkeypatch.setattr(options, "keep_compiled_programs", lambda: None)
     monkeypatch.setenv("COLUMNS", "200")
 
 
@@ -247,12 +248,12 @@ def test_estimate(sample, tmp_path):
 def test_where_compiled_programs_are_kept(monkeypatch, tmp_path):
     monkeypatch.undo()  # of `environment`
     monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", "elsewhere")
-    command_line.keep_compiled_programs()
+    options.keep_compiled_programs()
     assert os.environ["JAX_COMPILATION_CACHE_DIR"] == "elsewhere"
     monkeypatch.delenv("JAX_COMPILATION_CACHE_DIR")
     monkeypatch.delenv("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", raising=False)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    command_line.keep_compiled_programs()
+    options.keep_compiled_programs()
     chosen = os.environ["JAX_COMPILATION_CACHE_DIR"]
     assert chosen == str(tmp_path / "foresight_env" / "jax")
     monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", chosen)  # so that it is undone

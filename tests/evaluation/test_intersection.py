@@ -8,8 +8,7 @@ from PIL import Image
 from rich.console import Console
 from typer.testing import CliRunner
 
-import evaluation.command_line as command_line
-from evaluation import intersection_study
+from evaluation import command_line, intersection_study, options
 from evaluation.intersection_report import (
     error_over_noise,
     print_errors,
@@ -189,7 +188,7 @@ def test_a_small_study(folder, tmp_path, monkeypatch):
 def test_the_command_names_what_is_wrong_and_writes_nothing(
     folder, tmp_path, monkeypatch, told, arguments
 ):
-    monkeypatch.setattr(command_line, "keep_compiled_programs", lambda: None)
+    monkeypatch.setattr(options, "keep_compiled_programs", lambda: None)
     monkeypatch.setenv("COLUMNS", "200")
     out = tmp_path / "out"
     given = [{"FOLDER": folder, "NOWHERE": str(tmp_path / "no.csv")}.get(a, a) for a in arguments]
