@@ -142,7 +142,7 @@ def judged(window: PredictionWindow, forecast: Forecast) -> Row:
 
 
 @lru_cache(maxsize=256)
-def _warm_up(predictor: str, kinds: tuple[str, ...], observed: int, steps: int, dt: float) -> None:
+def warm_up(predictor: str, kinds: tuple[str, ...], observed: int, steps: int, dt: float) -> None:
     """Compile in this process what a prediction needs, so that latencies are those of running."""
     states = np.zeros((observed, len(kinds), 4))
     states[:, :, 1] = 10.0 * np.arange(len(kinds))
@@ -165,7 +165,7 @@ def run_window(
     """One predictor's row for one window; the texts identify it in the store."""
     window = cut(_recording(place), agents.split(","), frame)
     history, steps = window.history, len(window.truth)
-    _warm_up(predictor, history.kinds, len(history.states), steps, history.dt)
+    warm_up(predictor, history.kinds, len(history.states), steps, history.dt)
     begin = time.perf_counter()
     forecast = make_predictor(predictor).predict(history, steps)
     seconds = time.perf_counter() - begin

@@ -15,14 +15,13 @@ from rich.table import Table
 from evaluation.figures import save
 from evaluation.naming import colour_of, label_of
 from evaluation.prediction import SECONDS, WINDOW
+from evaluation.ranks import LEAST_GROUPS
 from evaluation.statistics import clustered_interval
 from evaluation.store import Row
 from foresight_env.scenarios.encounter import is_vehicle
 
 FIRST = "foresight"
 """What the others are compared with, where it is among them."""
-LEAST_GROUPS = 5
-"""Groups of dependent windows below which resampling them means nothing."""
 
 Part = tuple[str, str]
 """Data set and split."""
