@@ -34,13 +34,18 @@ def simulated_windows(place: str, seed: int) -> tuple[PredictionWindow, ...]:
     scene = env.scene
     every = max(1, round(STEP_SECONDS / scene.dt))
     sizes = (scene.players, len(steps[0].state[0]))
-    seen = np.stack([s.observation[: sizes[0] * sizes[1]].reshape(sizes) for s in steps])
+    seen = np.empty((len(steps), *sizes))
+    # Whom an agent observes comes in this order: itself first.
+    (ego,) = scene.controlled
+    order = [ego, *(j for j in range(scene.players) if j != ego)]
+    for k, step in enumerate(steps):
+        seen[k, order] = step.observation[: sizes[0] * sizes[1]].reshape(sizes)
     places = np.stack([*(s.state[:, :2] for s in steps), steps[-1].info["state"][:, :2]])
     found = []
     first = (LEAST_OBSERVED - 1) * every
     for moment in range(first, len(places) - LEAST_PREDICTED * every, BETWEEN * every):
         rows = range(moment - first, moment + 1, every)
-        plain = history_of(scene, tuple(np.asarray(seen[k], dtype=float) for k in rows))
+        plain = history_of(scene, tuple(seen[k] for k in rows))
         history = type(plain)(
             plain.states, plain.headings, plain.kinds, plain.extents, every * scene.dt
         )
