@@ -56,9 +56,11 @@ class Plan:
 
 
 def run_windows(place: str, seed: int, predictor: str, settings: str) -> Row:
-    """A predictor's metrics on the windows of one episode, a list entry for each."""
+    """A predictor's metrics on the windows of one episode, a list entry for each; it may be short
+    of any."""
     made, rows, seconds = make_predictor(predictor), [], []
-    for window in simulated_windows(place, seed):
+    windows = simulated_windows(place, seed)
+    for window in windows:
         history = window.history
         warm_up(predictor, history.kinds, len(history.states), PREDICTED_STEPS, history.dt)
         begin = time.perf_counter()
@@ -69,7 +71,7 @@ def run_windows(place: str, seed: int, predictor: str, settings: str) -> Row:
     return {
         **{name: [row[name] for row in rows] for name in names},
         "seconds": seconds,
-        "agents": len(window.agents),
+        "agents": [len(window.agents) for window in windows],
     }
 
 

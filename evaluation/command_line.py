@@ -1,4 +1,4 @@
-"""The command `foresight`: run, evaluate, estimate, demo."""
+"""The command `foresight`: run, evaluate, benchmark, estimate, demo."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
+from evaluation.benchmark_command import benchmark
 from evaluation.evaluate_commands import evaluate
 from evaluation.options import (
     EGO_HELP,
@@ -35,6 +36,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 app.add_typer(evaluate, name="evaluate")
+app.command("benchmark")(benchmark)
 
 
 @app.command()

@@ -6,8 +6,8 @@ from collections.abc import Hashable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
-from scipy.stats import bootstrap
+from jaxtyping import Bool, Float
+from scipy.stats import binomtest, bootstrap
 
 
 class Interval(NamedTuple):
@@ -34,6 +34,18 @@ def clustered_interval(
     means = sums[drawn].sum(axis=1) / counts[drawn].sum(axis=1)
     low, high = np.percentile(means, [2.5, 97.5])
     return Interval(float(data.mean()), float(low), float(high))
+
+
+def share_interval(happened: Bool[np.ndarray, "n"]) -> Interval:
+    """Share of independent cases in which something happened, with Wilson's interval (1927).
+
+    Resampling would call "never in six cases" certain.
+    """
+    if happened.size == 0:
+        raise ValueError("happened: is empty; there is no share of nothing")
+    found = binomtest(int(happened.sum()), happened.size)
+    low, high = found.proportion_ci(0.95, method="wilson")
+    return Interval(float(found.statistic), float(low), float(high))
 
 
 def mean_and_error(values: Float[np.ndarray, "n"], *, seed: int = 0) -> tuple[float, float]:
