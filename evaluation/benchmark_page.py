@@ -67,7 +67,7 @@ ON_TERMINAL = ("ADE", "NLL", "collided", "time to goal", "1 s ahead")
 def print_parts(console: Console, parts: Sequence[Part]) -> None:
     """One table per part, best first."""
     for part in parts:
-        table = Table(title=f"{part.loop}: {part.place.replace('_', ' ')} ({_cases(part)})")
+        table = Table(title=f"{part.loop}: {title(part)}")
         table.add_column("method")
         shown = [m for m in part.metrics if m.name in ON_TERMINAL]
         ranked = [m for m in part.metrics if m.ranked][-1]
@@ -96,9 +96,11 @@ def print_parts(console: Console, parts: Sequence[Part]) -> None:
     )
 
 
-def _cases(part: Part) -> str:
+def title(part: Part) -> str:
+    """Place and number of cases."""
     counts = sorted({line.cases for line in part.lines if line.cases})
-    return f"{' or '.join(map(str, counts)) or 'no'} {part.cases}"
+    place = part.place.replace("_", " ")
+    return f"{place[0].upper()}{place[1:]}: {counts[0] if counts else 'no'} {part.cases}"
 
 
 def _any_broken(part: Part) -> bool:
@@ -110,7 +112,7 @@ def write_page(parts: Sequence[Part], path: Path, subtitle: str) -> Path:
     templates = Environment(
         loader=PackageLoader("evaluation"), autoescape=True, undefined=StrictUndefined
     )
-    templates.filters |= {"label": label_of, "rank": rank, "header": header}
+    templates.filters |= {"label": label_of, "rank": rank, "header": header, "title": title}
     metrics = {m.name: m for part in parts for m in part.metrics}
     text = templates.get_template("benchmark.html").render(
         columns=[(loop, [p for p in parts if p.loop == loop]) for loop in (OPEN, CLOSED)],

@@ -176,7 +176,8 @@ def _value(
     rank: Rank | None,
 ) -> Value:
     if metric.share:
-        return Value(*(100.0 * v for v in share_interval(values > 0.0)), rank)
+        share = share_interval(values > 0.0)
+        return Value(100.0 * share.mean, 100.0 * share.low, 100.0 * share.high, rank)
     there = np.isfinite(values)
     if not there.any():
         return Value(float("nan"))

@@ -17,7 +17,7 @@ from evaluation.metrics import (
     negative_log_likelihood,
     trajectory_error,
 )
-from evaluation.statistics import mean_interval
+from evaluation.statistics import mean_interval, share_interval
 
 FINITE = st.floats(-1e3, 1e3)
 
@@ -193,3 +193,12 @@ def test_the_interval_covers_the_true_mean():
         found = mean_interval(random.exponential(1.0, 40))
         held += found.low <= 1.0 <= found.high
     assert 0.86 < held / 200 < 0.99  # 95 % nominal, the percentile interval is a little short
+
+
+def test_shares_by_hand():
+    """Wilson's interval of 2 in 10: (0.0567, 0.5098)."""
+    found = share_interval(np.arange(10) < 2)
+    assert found == pytest.approx((0.2, 0.0567, 0.5098), abs=1e-4)
+    assert share_interval(np.zeros(6, bool)).high == pytest.approx(0.3903, abs=1e-4)
+    with pytest.raises(ValueError, match="happened: is empty"):
+        share_interval(np.zeros(0, bool))

@@ -1,0 +1,199 @@
+"""The benchmark: fair cases, the best on top, numbers that a paper can cite, one-line errors."""
+
+import csv
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from agents.predictor import History, single
+from evaluation import benchmark_study, options, prediction, simulated_windows
+from evaluation.benchmark_command import PLACE_NAMES, PLANNED_NAMES
+from evaluation.benchmark_page import write_page
+from evaluation.benchmark_results import closed_part, common, open_part, write_csv
+from evaluation.benchmark_study import Plan
+from evaluation.command_line import app
+from evaluation.places import PLACES
+
+
+def driven(seed, time=3.0, collision=False, reached=True):
+    return {
+        "collision": collision, "off_road": False, "goal_reached": reached, "time": time,
+        "time_limit": 10.0, "cost": 5.0 + seed, "min_gap": 1.0, "prediction_error": None,
+        "seconds": [0.01, 0.02], "failed": 0,
+    }  # fmt: skip
+
+
+def predicted(error, agents=2):
+    return {
+        "average_error": error, "final_error": 2 * error, "missed": 1, "agents": agents,
+        "best_average_error": error, "surprise": None, "seconds": [0.001], "failed": 0,
+    }  # fmt: skip
+
+
+def test_all_methods_have_the_same_cases_and_one_without_any_is_told():
+    methods = {
+        "a": {k: (k, predicted(1.0)) for k in range(8)},
+        "b": {k: (k, predicted(2.0)) for k in range(7)},
+        "c": {},
+    }
+    part = open_part("somewhere", common(methods), {"b": 1, "c": 8})
+    assert [(line.method, line.cases) for line in part.lines] == [("a", 7), ("b", 7), ("c", 0)]
+    assert part.lines[2].values["broken"].mean == 8.0
+    assert part.lines[0].values["missed"].mean == 50.0
+    assert part.lines[0].values["ADE"].rank == (1, 1, 1)
+    assert part.lines[1].values["ADE"].rank == (2, 2, 2)
+
+
+def test_who_collides_is_below_and_its_time_is_the_limit():
+    methods = {
+        "bold": {k: (k, driven(k, 2.0, k < 6, k >= 6)) for k in range(12)},
+        "slow": {k: (k, driven(k, 9.0)) for k in range(12)},
+        "late": {k: (k, driven(k, 10.0, reached=False)) for k in range(12)},
+    }
+    part = closed_part("somewhere", common(methods), {})
+    assert [line.method for line in part.lines] == ["slow", "late", "bold"]
+    bold = part.lines[2].values
+    assert bold["collided"].mean == 50.0
+    assert bold["time to goal"].mean == pytest.approx(0.5 * 2.0 + 0.5 * 10.0)
+    assert bold["cost"].mean == pytest.approx(5.0 + np.arange(6, 12).mean())
+    never = part.lines[0].values["collided"]
+    assert never.mean == never.low == 0.0
+    assert 20.0 < never.high < 30.0  # twelve quiet episodes do not make it sure
+    assert np.isnan(bold["1 s ahead"].mean)
+    assert (bold["p50"].mean, bold["failed"].mean) == (pytest.approx(15.0), 0.0)
+
+
+class Outline(HTMLParser):
+    """Tags must match; scripts and addresses of other machines are counted."""
+
+    def __init__(self):
+        super().__init__()
+        self.open, self.foreign, self.text = [], 0, []
+
+    def handle_starttag(self, tag, attributes):
+        if tag not in ("meta", "br", "line", "circle"):
+            self.open.append(tag)
+        self.foreign += tag in ("script", "link", "img", "iframe")
+
+    def handle_endtag(self, tag):
+        if tag not in ("line", "circle"):
+            assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.text.append(data)
+
+
+def test_page_and_table(tmp_path):
+    methods = {
+        "kalman": {k: (k, predicted(0.5 + 0.01 * k)) for k in range(8)},
+        "mine:<Net>": {k: (k, predicted(0.25)) for k in range(8)},
+    }
+    egos = {"mine:<Net>+plan": {k: (k, driven(k)) for k in range(3)}, "oracle": {}}
+    parts = (open_part("UCY, test", common(methods), {}), closed_part("x_y", common(egos), {}))
+    page = write_page(parts, tmp_path / "page.html", "split test").read_text()
+    outline = Outline()
+    outline.feed(page)
+    assert outline.open == []
+    assert outline.foreign == 0
+    assert "http" not in page
+    told = " ".join(" ".join(outline.text).split())
+    assert told.index("mine:<Net> 1") < told.index("Kalman filter 2")
+    assert "X y: 3 episodes" in told
+    with write_csv(parts, tmp_path / "table.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    (row,) = [r for r in rows if (r["method"], r["metric"]) == ("kalman", "ADE")]
+    assert float(row["mean"]) == pytest.approx(0.535)
+    assert float(row["low_95"]) < 0.535 < float(row["high_95"])
+    assert (row["rank"], row["rank_low_95"], row["unit"], row["cases"]) == ("2", "2", "m", "8")
+
+
+def test_simulated_windows_are_what_was_seen_and_what_happened():
+    """Noise is small beside motion, so that predictors meet the right agent in the right place."""
+    for place in ("crosswalk", "intersection"):
+        windows = simulated_windows.simulated_windows(place, 5)
+        assert windows
+        for window in windows:
+            history = window.history
+            assert history.dt == pytest.approx(0.4, abs=0.1)
+            straight = history.states[-1, :, :2] + history.dt * history.states[-1, :, 2:]
+            assert np.abs(straight - window.truth[0]).max() < 1.5
+            assert not np.array_equal(straight, window.truth[0])
+        cars = [k == "car" for k in windows[0].history.kinds]
+        assert any(cars) == (place == "intersection")
+        assert np.isfinite(windows[0].history.headings[:, cars]).all()
+
+
+class Straight:
+    """Somebody's own predictor."""
+
+    name = "straight"
+
+    def predict(self, history: History, steps: int):
+        times = history.dt * np.arange(1, steps + 1)[:, None, None]
+        return single(history.states[-1, :, :2] + times * history.states[-1, :, 2:])
+
+
+@pytest.fixture
+def command(monkeypatch):
+    monkeypatch.setattr(options, "keep_compiled_programs", lambda: None)
+    monkeypatch.setenv("COLUMNS", "160")
+    return lambda *given: CliRunner().invoke(app, ["benchmark", *map(str, given)])
+
+
+def test_anybody_s_own_predictor_is_a_line_of_the_table(command, tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(Path(__file__).parent)
+    prediction.warm_up.cache_clear()
+    out = tmp_path / "out"
+    given = ("--scenarios", "crosswalk", "--episodes", 5, "--workers", 0, "--out", out)
+    own = "test_benchmark:Straight"
+    chosen = ("--predictors", f"constant-velocity,{own}", "--egos", f"constant-velocity,{own}+plan")
+    result = command(*given, *chosen)
+    assert result.exit_code == 0, result.output
+    assert f"{own}, planned" in result.output
+    with (out / "benchmark.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    mine, theirs = (
+        [float(r["mean"]) for r in rows if r["method"] == name and r["metric"] == "ADE"]
+        for name in (own, "constant-velocity")
+    )
+    assert mine == pytest.approx(theirs)
+    assert {r["loop"] for r in rows if r["method"].startswith(own)} == {"open loop", "closed loop"}
+
+    def broken(*arguments, **more):
+        raise AssertionError("a trial that has a row was run again")
+
+    monkeypatch.setattr(benchmark_study, "run_episode", broken)
+    monkeypatch.setattr(benchmark_study, "run_windows", broken)
+    assert command(*given, *chosen).exit_code == 0
+
+
+@pytest.mark.parametrize(
+    ("told", "given"),
+    [
+        ("--scenarios: 'moon' is unknown; choose from", ["--scenarios", "moon"]),
+        ("--predictors: 'magic' is unknown; choose from", ["--predictors", "magic"]),
+        ("predictor: 'nowhere:Net': 'nowhere' cannot be", ["--predictors", "nowhere:Net"]),
+        ("predictor: 'magic' is unknown", ["--egos", "magic+plan"]),
+        ("--scenarios, --data: are both empty", ["--scenarios", ""]),
+        ("--predictors, --egos: are both empty", ["--predictors", "", "--egos", ""]),
+        ("--others: 'ghosts' is unknown", ["--others", "ghosts"]),
+    ],
+)
+def test_what_is_wrong_is_told_before_anything_runs(command, tmp_path, told, given):
+    result = command(*given, "--out", tmp_path / "out")
+    assert result.exit_code == 2
+    assert told in re.sub(r"\s+", " ", result.output + result.stderr)
+    assert not (tmp_path / "out").exists()
+
+
+def test_names_are_those_of_the_registry():
+    assert PLACE_NAMES == PLACES
+    plan = Plan(("crosswalk", "merge"), ("receding", "idm"), (), ("oracle", "idm"), 1)
+    assert plan.egos_of("crosswalk") == ("oracle",)
+    assert plan.egos_of("merge") == ("oracle", "idm")
+    assert plan.pairs() == [("crosswalk", "receding"), ("merge", "receding"), ("merge", "idm")]
+    assert "kalman+plan" in PLANNED_NAMES
