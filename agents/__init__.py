@@ -6,7 +6,7 @@ from agents.kinematic import ConstantTurnRatePredictor, ConstantVelocityPredicto
 from agents.oracle import Oracle
 from agents.policy import Decision, EgoPolicy
 from agents.predict_then_plan import PredictThenPlan, constant_velocity
-from agents.predictor import Forecast, History, Predictor
+from agents.predictor import Forecast, FunctionPredictor, History, Predictor
 from agents.registry import EGOS, PREDICTORS, make_ego, make_predictor
 
 __all__ = [
@@ -19,6 +19,7 @@ __all__ = [
     "EncounterPredictor",
     "Forecast",
     "Foresight",
+    "FunctionPredictor",
     "History",
     "Oracle",
     "PredictThenPlan",

@@ -6,6 +6,7 @@ A user's own model plugs in by having a `name` and a `predict` method; nothing i
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
@@ -93,3 +94,17 @@ class Predictor(Protocol):
     def predict(self, history: History, steps: int) -> Forecast:
         """Where everybody will be in the next `steps` steps of `history.dt`."""
         ...
+
+
+@dataclass(frozen=True)
+class FunctionPredictor:
+    """A plain function as a predictor."""
+
+    function: Callable[[History, int], Forecast | Float[np.ndarray, "P N 2"]]
+    """From a history and a number of steps: positions (m), or a whole forecast."""
+    name: str
+
+    def predict(self, history: History, steps: int) -> Forecast:
+        """What the function says."""
+        found = self.function(history, steps)
+        return found if isinstance(found, Forecast) else single(np.asarray(found, dtype=float))

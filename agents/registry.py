@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from importlib import import_module
+from inspect import Parameter, isfunction, signature
 from typing import Any
 
 from agents.encounter_predictor import EncounterPredictor
@@ -21,7 +22,7 @@ from agents.orca import OrcaPredictor
 from agents.particle_filter import ParticleFilterPredictor
 from agents.policy import EgoPolicy
 from agents.predict_then_plan import PredictThenPlan, constant_velocity
-from agents.predictor import Predictor
+from agents.predictor import FunctionPredictor, Predictor
 from agents.social_force import SocialForcePredictor
 
 EGOS: dict[str, Callable[[], EgoPolicy[Any]]] = {
@@ -91,8 +92,20 @@ def make_predictor(name: str) -> Predictor:
     return PREDICTORS[name]()
 
 
+def _required(function: Callable[..., Any]) -> list[str]:
+    """Names of the arguments that must be given."""
+    parameters = signature(function).parameters.values()
+    return [p.name for p in parameters if p.default is p.empty and p.kind not in OPTIONAL]
+
+
+OPTIONAL = (Parameter.VAR_POSITIONAL, Parameter.VAR_KEYWORD)
+
+
 def _loaded(what: str, name: str, protocol: Any) -> Any:
-    """What a user's module has under that name: an object, or what a class or function makes."""
+    """What a user's module has under that name: an object, or what a class or function makes.
+
+    A function of a history and a number of steps is a predictor itself.
+    """
     module, _, attribute = name.partition(":")
     try:
         found = getattr(import_module(module), attribute)
@@ -100,8 +113,16 @@ def _loaded(what: str, name: str, protocol: Any) -> Any:
         raise ValueError(f"{what}: {name!r}: {module!r} cannot be imported ({error})") from error
     except AttributeError:
         raise ValueError(f"{what}: {name!r}: {module!r} has no {attribute!r}") from None
+    if protocol is Predictor and isfunction(found) and len(_required(found)) == 2:
+        return FunctionPredictor(found, name)
     ready = isinstance(found, protocol) and not isinstance(found, type)
-    made = found() if callable(found) and not ready else found
+    try:
+        made = found() if callable(found) and not ready else found
+    except TypeError as error:
+        raise ValueError(
+            f"{what}: {name!r} cannot be made without arguments ({error}); name an object, or a "
+            "function that makes one"
+        ) from error
     if not isinstance(made, protocol):
         wanted = "name, init, update and act" if protocol is EgoPolicy else "name and predict"
         raise ValueError(

@@ -4,6 +4,7 @@ import runpy
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 
@@ -31,3 +32,15 @@ def test_online():
 def test_the_library_s_ego_beats_the_rule_of_thumb():
     made = example("step_loop")
     assert made["by_ego"]() > made["by_hand"]()
+
+
+def test_a_plain_function_predicts():
+    errors = example("own_predictor")["main"](episodes=2)
+    assert set(errors) == {"slowing", "constant-velocity", "kalman"}
+    assert all(0.0 < error < 2.0 for error in errors.values())
+
+
+def test_a_pytorch_model_predicts():
+    pytest.importorskip("torch")
+    losses = example("own_torch_predictor")["main"]()
+    assert losses[-1] < 0.5 * losses[0]

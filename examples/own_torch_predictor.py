@@ -1,0 +1,98 @@
+"""A PyTorch model as a predictor: `python examples/own_torch_predictor.py` (`pip install torch`).
+
+A recurrent network sees each agent's recent velocities and says how they go on. Here it is trained
+for some seconds on straight walks: put your own training there. The library knows nothing of
+PyTorch: NumPy arrays go in and come out. On the command line: `own_torch_predictor:Recurrent`.
+"""
+
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from agents import Forecast, History
+from agents.conformance import check_predictor
+
+WEIGHTS = Path(__file__).with_suffix(".pt")
+DEVICE = "cuda" if torch.cuda.is_available() else "cpu"
+
+
+class Network(torch.nn.Module):
+    """From velocities (N, K, 2) to changes of velocity (N, 2), m/s."""
+
+    def __init__(self, width: int = 16) -> None:
+        super().__init__()
+        self.memory = torch.nn.GRU(2, width, batch_first=True)
+        self.change = torch.nn.Linear(width, 2)
+
+    def forward(self, velocities: torch.Tensor) -> torch.Tensor:
+        """One change for each agent."""
+        _, last = self.memory(velocities)
+        return 0.1 * self.change(last[0])
+
+
+class Recurrent:
+    """What the library wants: a name, and `predict`."""
+
+    name = "recurrent"
+
+    def __init__(self, weights: Path | None = None) -> None:
+        """Weights from a file, else from `WEIGHTS` where that exists, else a new network."""
+        torch.manual_seed(0)
+        self.network = Network().to(DEVICE).eval()
+        path = weights or (WEIGHTS if WEIGHTS.exists() else None)
+        if path is not None:
+            # Without `weights_only` a file of weights may run any code that it likes.
+            self.network.load_state_dict(torch.load(path, map_location=DEVICE, weights_only=True))
+
+    @torch.no_grad()
+    def predict(self, history: History, steps: int) -> Forecast:
+        """The velocity seen last, changed by the network, goes on."""
+        seen = filled(history.states)
+        velocities = torch.as_tensor(seen[..., 2:].swapaxes(0, 1), dtype=torch.float32)
+        change = self.network(velocities.to(DEVICE)).cpu().numpy().astype(float)
+        times = history.dt * np.arange(1, steps + 1)[:, None, None]
+        paths = seen[-1, :, :2] + times * (seen[-1, :, 2:] + change)
+        return Forecast(paths[None], np.ones(1))
+
+
+def filled(states: np.ndarray) -> np.ndarray:
+    """States without gaps: who is not seen keeps the state seen before, or has the first."""
+    found = states.copy()
+    for agent in range(states.shape[1]):
+        known = np.flatnonzero(~np.isnan(states[:, agent]).any(axis=1))
+        before = np.searchsorted(known, np.arange(len(states)), side="right") - 1
+        found[:, agent] = states[known[np.maximum(before, 0)], agent]
+    return found
+
+
+def train(network: Network, rounds: int = 100) -> list[float]:
+    """Learn that people go straight on; the losses."""
+    generator = torch.Generator().manual_seed(0)
+    optimiser = torch.optim.Adam(network.parameters(), 1e-2)
+    losses = []
+    for _ in range(rounds):
+        velocity = torch.randn(64, 1, 2, generator=generator)
+        noisy = velocity + 0.1 * torch.randn(64, 8, 2, generator=generator)
+        wanted = velocity[:, 0] - noisy[:, -1]
+        loss = torch.mean((network(noisy.to(DEVICE)) - wanted.to(DEVICE)) ** 2)
+        optimiser.zero_grad()
+        loss.backward()
+        optimiser.step()
+        losses.append(float(loss.detach()))
+    return losses
+
+
+def main() -> list[float]:
+    """Train, check; the losses."""
+    model = Recurrent()
+    losses = train(model.network.train())
+    model.network.eval()
+    print(f"loss {losses[0]:.4f} at first, {losses[-1]:.4f} at last")
+    check_predictor(model)
+    print("it does what a predictor has to do")
+    return losses
+
+
+if __name__ == "__main__":
+    main()

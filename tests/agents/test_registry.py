@@ -1,0 +1,91 @@
+"""Agents by name, by module, and with the planner."""
+
+import numpy as np
+import pytest
+
+from agents import FunctionPredictor, PredictThenPlan, make_ego, make_predictor
+from agents.idm import Idm
+from agents.kalman import KalmanPredictor
+from agents.kinematic import ConstantVelocityPredictor
+
+SOURCE = """
+from agents.kalman import KalmanPredictor
+from agents.idm import Idm
+import numpy as np
+
+ready = KalmanPredictor(name="ready")
+
+def standing(history, steps):
+    last = np.stack([history.states[history.seen(i)[-1], i, :2] for i in range(len(history.kinds))])
+    return np.broadcast_to(last, (steps, *last.shape))
+
+def made(name="made"):
+    return KalmanPredictor(name=name)
+
+class Own(KalmanPredictor):
+    pass
+
+class Needy:
+    def __init__(self, path):
+        pass
+
+number = 3
+"""
+
+
+@pytest.fixture(autouse=True)
+def module(tmp_path, monkeypatch):
+    (tmp_path / "own_agents.py").write_text(SOURCE)
+    monkeypatch.syspath_prepend(tmp_path)
+
+
+def test_objects_classes_and_functions_of_a_module():
+    assert make_predictor("own_agents:ready").name == "ready"
+    assert make_predictor("own_agents:made").name == "made"
+    assert isinstance(make_predictor("own_agents:Own"), KalmanPredictor)
+    assert isinstance(make_ego("own_agents:Idm"), Idm)
+
+
+def test_a_function_of_a_history_is_a_predictor():
+    found = make_predictor("own_agents:standing")
+    assert isinstance(found, FunctionPredictor)
+    assert found.name == "own_agents:standing"
+
+
+def test_any_predictor_can_be_planned_with():
+    ego = make_ego("own_agents:standing+plan")
+    assert isinstance(ego, PredictThenPlan)
+    assert ego.name == "own_agents:standing+plan"
+    assert isinstance(ego.predictor, FunctionPredictor)
+    assert isinstance(make_ego("kalman+plan").predictor, KalmanPredictor)
+    assert isinstance(make_ego("constant-velocity").predictor, ConstantVelocityPredictor)
+
+
+@pytest.mark.parametrize(
+    ("make", "name", "told"),
+    [
+        (make_predictor, "nowhere:Net", "'nowhere' cannot be imported"),
+        (make_predictor, "own_agents:Missing", "'own_agents' has no 'Missing'"),
+        (make_predictor, "own_agents:number", "is a int; expected something with name and predict"),
+        (make_ego, "own_agents:ready", "expected something with name, init, update and act"),
+        (make_predictor, "magic", "predictor: 'magic' is unknown; choose from foresight"),
+        (make_ego, "magic", "ego: 'magic' is unknown; choose from oracle"),
+        (make_ego, "magic+plan", "predictor: 'magic' is unknown"),
+        (make_predictor, "own_agents:Needy", "cannot be made without arguments"),
+    ],
+)
+def test_what_is_wrong_is_told(make, name, told):
+    with pytest.raises(ValueError, match=told):
+        make(name)
+
+
+def test_a_function_may_return_positions_or_a_whole_forecast():
+    one = FunctionPredictor(lambda history, steps: np.zeros((steps, 1, 2)), "one")
+    other = FunctionPredictor(lambda history, steps: one.predict(history, steps), "other")
+    from agents.conformance import histories
+
+    history = dict(histories())["one agent"]
+    for predictor in (one, other):
+        found = predictor.predict(history, 3)
+        assert found.positions.shape == (1, 3, 1, 2)
+        assert found.probabilities.tolist() == [1.0]
