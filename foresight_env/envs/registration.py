@@ -10,6 +10,9 @@ from pettingzoo.env_registry.registration import register as register_pettingzoo
 SCENARIOS = ("crosswalk", "intersection", "driving")
 """Each has a module `<name>` with a class `<Name>Env`, and a module `<name>_v0`."""
 
+VECTOR = {"crosswalk": "foresight_env.envs.crosswalk_vector:CrosswalkVectorEnv"}
+"""What `gymnasium.make_vec(..., vectorization_mode="vector_entry_point")` makes."""
+
 
 def register() -> None:
     """Register every environment that is not registered yet; importing the package does it."""
@@ -17,7 +20,11 @@ def register() -> None:
         single, both = f"foresight/{name.capitalize()}-v0", f"foresight/{name}-v0"
         module = f"foresight_env.envs.{name}_v0"
         if single not in registry:
-            register_gymnasium(single, f"foresight_env.envs.{name}:{name.capitalize()}Env")
+            register_gymnasium(
+                single,
+                f"foresight_env.envs.{name}:{name.capitalize()}Env",
+                vector_entry_point=VECTOR.get(name),
+            )
         if both not in parallel_registry:
             register_pettingzoo("parallel", both, f"{module}:parallel_env")
         if both not in aec_registry:

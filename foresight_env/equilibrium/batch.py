@@ -36,6 +36,7 @@ from foresight_env.equilibrium.solve import Solution, check_iterate, to_solution
 from foresight_env.equilibrium.start import Start, begin, begin_attempt
 from foresight_env.equilibrium.validation import check_parameters
 from foresight_env.games.game import Game
+from foresight_env.games.types import AnyArray
 from foresight_env.precision import to_double, to_numpy
 
 LANES = 16
@@ -124,7 +125,12 @@ def _choose(condition: Array, yes: Any, no: Any) -> Any:
 
 @partial(jax.jit, static_argnums=(0, 1, 2))
 def _solve_lanes(
-    layout: Layout, options: Options, width: int, parameters: Parameters, guess: Iterate | None
+    layout: Layout,
+    options: Options,
+    width: int,
+    parameters: Parameters,
+    guess: Iterate | None,
+    active: Int[AnyArray, ""],
 ) -> Solution:
     count = parameters.gamma.shape[0]
     starts: Start = jax.vmap(lambda p, s: begin(layout, options, p, s))(parameters, guess)
@@ -153,7 +159,7 @@ def _solve_lanes(
         lanes, found, waiting = state
         lanes, result, solved, stuck = advance(of(parameters, lanes.number), lanes)
         ended = solved | (stuck & (lanes.attempt >= len(options.start_barriers)))
-        ended &= lanes.number < count
+        ended &= lanes.number < active
         # Lanes still at work write beyond the end, which is dropped.
         place = jnp.where(ended, lanes.number, count)
         found = jax.tree.map(lambda all_, v: all_.at[place].set(v, mode="drop"), found, result)
@@ -170,7 +176,7 @@ def _solve_lanes(
         return lanes, found, waiting + jnp.sum(ended)
 
     def busy(state: tuple[_Lane, Equilibrium, Array]) -> Bool[Array, ""]:
-        return jnp.any(state[0].number < count)
+        return jnp.any(state[0].number < active)
 
     state = (lanes, found, jnp.asarray(min(width, count)))
     _, found, _ = jax.lax.while_loop(busy, body, state)
@@ -222,13 +228,37 @@ def solve_many(
     starts = None if guess is None else to_double(Iterate(*guess.point))
     if starts is not None:
         check_iterate(layout, starts, (count,))
+    return solve_checked(layout, parameters, starts, options=options, lanes=lanes, threads=threads)
+
+
+def solve_checked(
+    layout: Layout,
+    parameters: Parameters,
+    starts: Iterate | None,
+    *,
+    options: Options = Options(),
+    lanes: int = LANES,
+    threads: int | None = None,
+    active: int | None = None,
+) -> Solution:
+    """`solve_many` for parameters and starts that are known to be right: float64, leading axis B.
+
+    For callers that solve the same games step after step: checking them one by one would take
+    longer than solving them. `active`: only so many games from the first on are solved, and the
+    others' rows mean nothing; so batches of different sizes share a compiled program.
+    """
+    count = len(parameters.gamma)
     workers = max(1, min(threads or _cores(), count))
+    # Worker w has games w, w + workers, and so on.
+    asked = [
+        max(0, -(-((count if active is None else active) - w) // workers)) for w in range(workers)
+    ]
 
     def share(worker: int) -> Solution:
         mine = jax.tree.map(lambda v: v[worker::workers], (parameters, starts))
         with jax.enable_x64(True):
             found: Solution = to_numpy(
-                _solve_lanes(layout, options, min(lanes, len(mine[0].gamma)), *mine)
+                _solve_lanes(layout, options, min(lanes, len(mine[0].gamma)), *mine, asked[worker])
             )
         return found
 

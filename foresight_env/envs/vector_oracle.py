@@ -1,0 +1,114 @@
+"""What the others do in many crosswalks: the oracles of module `oracle`, all games in one batch."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from foresight_env.envs.functional_crosswalk import CrosswalkSetting, CrosswalkState
+from foresight_env.envs.oracle import NOTHING_SOLVED
+from foresight_env.equilibrium import Solution, Status
+from foresight_env.equilibrium.batch import solve_checked
+from foresight_env.equilibrium.kkt import Iterate, Parameters
+from foresight_env.equilibrium.layout import layout_of
+
+
+class VectorOracle:
+    """Plans of B environments, and how their solves went; `oracle.Receding` or `OpenLoop`."""
+
+    def __init__(self, setting: CrosswalkSetting, count: int) -> None:
+        self._layout = layout_of(setting.game)
+        self._receding = setting.behaviour == "receding"
+        self._players = setting.players
+        layout, horizon = self._layout, setting.game.horizon
+        sizes = (layout.n, layout.m, layout.pair_count, layout.pair_count)
+        blank: list[Any] = [np.zeros((count, horizon, size)) for size in sizes]
+        self._plans = Iterate(*blank)
+        self.known: Bool[np.ndarray, "B"] = np.zeros(count, dtype=bool)
+        """Who has a plan; the others brake."""
+        self.status: Int[np.ndarray, "B"] = np.full(count, NOTHING_SOLVED)
+        self.residual: Float[np.ndarray, "B"] = np.zeros(count)
+        self.failures: Int[np.ndarray, "B"] = np.zeros(count, dtype=int)
+
+    def forget(self, places: Int[np.ndarray, "b"]) -> None:
+        """New episodes begin there."""
+        self.known[places] = False
+        self.status[places] = NOTHING_SOLVED
+        self.residual[places] = 0.0
+        self.failures[places] = 0
+
+    def act(self, state: CrosswalkState, live: Bool[np.ndarray, "B"]) -> Float[np.ndarray, "B N 2"]:
+        """Controls of everybody (m/s^2) where `live`; only read where `known`."""
+        if self._receding:
+            return self._receding_controls(state, live)
+        fresh = np.flatnonzero(live & (self.status == NOTHING_SOLVED))
+        self._solve_cold(state, fresh)
+        horizon = self._plans.u.shape[1]
+        stage = np.minimum(state.steps, horizon - 1)
+        found = self._plans.u[np.arange(len(stage)), stage]
+        return np.array(found).reshape(-1, self._players, 2)
+
+    def _receding_controls(
+        self, state: CrosswalkState, live: Bool[np.ndarray, "B"]
+    ) -> Float[np.ndarray, "B N 2"]:
+        again = live & self.known
+        cold = live & ~self.known
+        if again.any():
+            self._plans = jax.tree.map(_shifted, self._plans)
+            # All of them, those that are not asked for last: the batch keeps its size.
+            chosen = np.argsort(~again, kind="stable")
+            asked = int(again.sum())
+            warm = jax.tree.map(lambda v: v[chosen], self._plans)
+            found = solve_checked(self._layout, self._parameters(state, chosen), warm, active=asked)
+            rows = np.flatnonzero(found.status[:asked] == Status.SOLVED)
+            self._take(found, rows, chosen[rows])
+            cold |= again
+            cold[chosen[rows]] = False
+        self._solve_cold(state, np.flatnonzero(cold))
+        return np.array(self._plans.u[:, 0]).reshape(-1, self._players, 2)
+
+    def _solve_cold(self, state: CrosswalkState, places: Int[np.ndarray, "b"]) -> None:
+        """Solve there without a guess; who fails keeps the plan it has, if it has one."""
+        if not places.size:
+            return
+        asked = places.size
+        chosen = np.concatenate([places, np.repeat(places[-1:], padded(asked) - asked)])
+        found = solve_checked(self._layout, self._parameters(state, chosen), None, active=asked)
+        solved = found.status[: places.size] == Status.SOLVED
+        self._take(found, np.flatnonzero(solved), places[solved])
+        failed = places[~solved]
+        self.status[failed] = found.status[: places.size][~solved]
+        residual = found.residual[: places.size][~solved]
+        self.residual[failed] = np.where(np.isfinite(residual), residual, np.inf)
+        self.failures[failed] += 1
+
+    def _take(
+        self, found: Solution, rows: Int[np.ndarray, "b"], places: Int[np.ndarray, "b"]
+    ) -> None:
+        """Solved games `rows` become the plans of environments `places`."""
+        for plan, point in zip(self._plans, found.point, strict=True):
+            plan[places] = np.asarray(point)[rows]
+        self.known[places] = True
+        self.status[places] = Status.SOLVED
+        self.residual[places] = found.residual[rows]
+
+    def _parameters(self, state: CrosswalkState, chosen: Int[np.ndarray, "b"]) -> Parameters:
+        situation = jax.tree.map(lambda v: v[chosen], state.situation)
+        joint = state.states[chosen].reshape(len(chosen), -1)
+        return Parameters(joint, situation.theta, situation.gamma)
+
+
+def padded(count: int) -> int:
+    """The size of a batch that is compiled for so many: a power of four, so that few are."""
+    size = 1
+    while size < count:
+        size *= 4
+    return size
+
+
+def _shifted(plan: np.ndarray) -> np.ndarray:
+    """One stage later, the last repeated."""
+    return np.concatenate([plan[:, 1:], plan[:, -1:]], axis=1)
