@@ -18,7 +18,6 @@ from typing import Any, ClassVar
 import jax
 import numpy as np
 from gymnasium.error import ResetNeeded
-from gymnasium.spaces import Box
 from gymnasium.utils.seeding import np_random
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
@@ -125,8 +124,8 @@ class CrosswalkVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         single = CrosswalkEnv(
             players=setting.players, observation=setting.observation, planning_horizon=1
         )
-        self.single_observation_space: Box = single.observation_space
-        self.single_action_space: Box = single.action_space
+        self.single_observation_space = single.observation_space
+        self.single_action_space = single.action_space
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self._sources: list[np.random.Generator | None] = [None] * self.num_envs
@@ -242,12 +241,13 @@ class CrosswalkVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
                 f"actions: have shape {found.shape} and type {found.dtype}; expected numbers of "
                 f"shape {space.shape}"
             )
+        one: Any = self.single_action_space
         inside = ((found >= space.low) & (found <= space.high)).all(axis=1)  # NaN fails
         wrong = np.flatnonzero(~inside & ~self._over)
         if wrong.size:
             raise ValueError(
                 f"actions[{wrong[0]}]: is {found[wrong[0]]}, outside the action space; clip it to "
-                f"{self.single_action_space.low} ... {self.single_action_space.high}"
+                f"{one.low} ... {one.high}"
             )
         return np.where(self._over[:, None], 0.0, found).astype(float)
 

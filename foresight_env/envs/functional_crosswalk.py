@@ -124,7 +124,11 @@ def draw(setting: CrosswalkSetting, key: PRNGKeyArray) -> Situation:
     collision = uniform(keys[4], ranges.collision_weight, (count,))
     states: Any = jnp.asarray(nominal.initial_states).at[:, :2].add(shifts)
     theta = tuple(
-        player_theta(goals[i], control_weight=control[i], collision_weight=collision[i])
+        {
+            **player_theta(goals[i]),
+            "control_weight": control[i],
+            "collision_weight": collision[i],
+        }
         for i in range(count)
     )
     return Situation(states, jax.tree.map(jnp.asarray, theta), gamma)
