@@ -34,6 +34,7 @@ class Study(StrEnum):
     INTERSECTION = "intersection"
     STRESS = "stress"
     ENVIRONMENT = "environment"
+    VECTOR = "vector"
     DRIVING = "driving"
     PREDICTION = "prediction"
     WINDOWS = "windows"
