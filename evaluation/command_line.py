@@ -1,4 +1,4 @@
-"""The command `foresight`: run, evaluate, benchmark, estimate, demo."""
+"""The command `foresight`: run, evaluate, benchmark, generate, train, estimate, demo."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import typer
 
 from evaluation.benchmark_command import benchmark
 from evaluation.evaluate_commands import evaluate
+from evaluation.learning_commands import generate, train
 from evaluation.options import (
     EGO_HELP,
     EGO_NAMES,
@@ -37,6 +38,8 @@ app = typer.Typer(
 )
 app.add_typer(evaluate, name="evaluate")
 app.command("benchmark")(benchmark)
+app.command("generate")(generate)
+app.command("train")(train)
 
 
 @app.command()

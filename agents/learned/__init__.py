@@ -1,0 +1,1 @@
+"""Learned predictors: networks, their training, and their weights. Loads equinox."""

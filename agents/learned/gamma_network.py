@@ -1,0 +1,64 @@
+"""Discount factors from a window of observations, at once: amortised inference.
+
+What the inverse game finds by solving games, a network has seen so often in simulated episodes that
+it guesses it (Papamakarios and Murray, "Fast epsilon-free inference of simulation models with
+Bayesian conditional density estimation", NeurIPS 2016, with one Gaussian).
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Float32, PRNGKeyArray
+
+WINDOW = 10
+"""Observations, as many as the online estimator has."""
+
+
+class GammaExample(NamedTuple):
+    """A window of a crosswalk of two, as one agent's discount factor is asked for."""
+
+    own: Float32[np.ndarray, "window 4"]
+    """Observed states of the one whose gamma it is: places from its place now (m), m/s."""
+    other: Float32[np.ndarray, "window 4"]
+    """And of the other, from the same place."""
+    gamma: Float32[np.ndarray, ""]
+
+
+class GammaNetwork(eqx.Module):
+    """Mean and deviation of a discount factor."""
+
+    layers: eqx.nn.MLP
+
+    def __init__(self, width: int = 128, *, key: PRNGKeyArray) -> None:
+        self.layers = eqx.nn.MLP(2 * WINDOW * 4, 2, width, 3, activation=jax.nn.gelu, key=key)
+
+    def __call__(self, own: Any, other: Any) -> tuple[Float[Array, ""], Float[Array, ""]]:
+        """Mean between 0 and 1, and standard deviation."""
+        raw = self.layers(jnp.concatenate([jnp.ravel(own), jnp.ravel(other)]))
+        return jax.nn.sigmoid(raw[0]), 0.01 + 0.5 * jax.nn.sigmoid(raw[1])
+
+
+def gamma_loss(network: GammaNetwork, example: GammaExample) -> tuple[Array, Array]:
+    """Negative log-likelihood of the truth."""
+    mean, deviation = network(example.own, example.other)
+    error = (jnp.asarray(example.gamma) - mean) / deviation
+    return 0.5 * error**2 + jnp.log(deviation), jnp.ones(())
+
+
+def gamma_examples(
+    observed: Float[np.ndarray, "steps N 4"], gamma: Float[np.ndarray, "N"]
+) -> list[GammaExample]:
+    """Every second window of an episode of two, once for each of them."""
+    found = []
+    for end in range(WINDOW, len(observed) + 1, 2):
+        rows = observed[end - WINDOW : end]
+        for i in (0, 1):
+            origin = np.array([*rows[-1, i, :2], 0.0, 0.0])
+            own, other = (np.asarray(rows[:, j] - origin, np.float32) for j in (i, 1 - i))
+            found.append(GammaExample(own, other, np.asarray(gamma[i], np.float32)))
+    return found

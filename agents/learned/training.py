@@ -1,0 +1,195 @@
+"""One training loop for all networks: it can be killed at any moment and goes on from there.
+
+What an epoch does depends on the seed, the epoch's number and the data alone; so a training that
+was interrupted ends with the same weights as one that was not.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import tempfile
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+
+from agents.learned.weights import packed, unpacked
+
+Loss = Callable[[Any, Any], tuple[Any, Any]]
+"""From a network and one example (a PyTree of arrays): a loss, and how much it counts."""
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """How long and how fast."""
+
+    epochs: int = 100
+    batch: int = 64
+    rate: float = 2e-3
+    decay: float = 1e-4
+    """Of weights, per step (AdamW)."""
+    patience: int = 15
+    """Epochs without a better validation after which it ends."""
+    seed: int = 0
+
+
+class Epoch(NamedTuple):
+    """A line of the learning curve; mean losses."""
+
+    number: int
+    train: float
+    validation: float
+
+
+class Trained(NamedTuple):
+    """What a training ends with."""
+
+    network: Any
+    """Of the epoch with the best validation."""
+    curve: tuple[Epoch, ...]
+    best: int
+    """That epoch's number."""
+
+
+def train(
+    make: Callable[[Any], Any],
+    loss: Loss,
+    examples: Any,
+    validation: Any,
+    folder: Path,
+    schedule: Schedule = Schedule(),
+    *,
+    told: Callable[[Epoch], None] = lambda epoch: None,
+) -> Trained:
+    """Train what `make(key)` makes, keeping checkpoints in `folder`; go on where one was left.
+
+    `examples`, `validation`: PyTrees of NumPy arrays with a leading axis. `told`: is given every
+    epoch as it ends. `ValueError` where the folder holds the training of something else.
+    """
+    count = len(jax.tree.leaves(examples)[0])
+    if count < 1 or len(jax.tree.leaves(validation)[0]) < 1:
+        raise ValueError("examples: are none, or none to validate with; make or name more data")
+    first, key = jax.random.split(jax.random.key(schedule.seed))
+    start = make(first)
+    batch = min(schedule.batch, count)
+    steps = count // batch
+    optimiser = optax.adamw(
+        optax.cosine_decay_schedule(schedule.rate, schedule.epochs * steps),
+        weight_decay=schedule.decay,
+    )
+    blank = (start, optimiser.init(eqx.filter(start, eqx.is_array)), start)
+    about = {"schedule": asdict(schedule), "data": _digest((examples, validation))}
+    checkpoint = Checkpoint(folder, about)
+    (network, state, best), curve = checkpoint.load(blank)
+    run_epoch = _epoch(loss, optimiser)
+    judge = eqx.filter_jit(lambda network, data: _mean(loss, network, data))
+    while len(curve) < schedule.epochs and not _tired(curve, schedule.patience):
+        number = len(curve)
+        order = jax.random.permutation(jax.random.fold_in(key, number), count)
+        order = order[: steps * batch].reshape(steps, batch)
+        network, state, value = run_epoch(network, state, examples, order)
+        judged = float(judge(network, validation))
+        if not np.isfinite([float(value), judged]).all():
+            raise ValueError(
+                f"loss: is not a number in epoch {number}; use a smaller rate than {schedule.rate}"
+            )
+        if not curve or judged < min(e.validation for e in curve):
+            best = network
+        curve = (*curve, Epoch(number, float(value), judged))
+        checkpoint.save((network, state, best), curve)
+        told(curve[-1])
+    return Trained(best, curve, min(curve, key=lambda e: e.validation).number)
+
+
+def _tired(curve: tuple[Epoch, ...], patience: int) -> bool:
+    if not curve:
+        return False
+    return len(curve) - 1 - min(curve, key=lambda e: e.validation).number >= patience
+
+
+def _mean(loss: Loss, network: Any, data: Any) -> Any:
+    losses, weights = jax.vmap(lambda example: loss(network, example))(data)
+    return jnp.sum(losses) / jnp.maximum(jnp.sum(weights), 1)
+
+
+def _epoch(loss: Loss, optimiser: Any) -> Any:
+    @eqx.filter_jit
+    def run(network: Any, state: Any, examples: Any, order: Any) -> Any:
+        weights, rest = eqx.partition(network, eqx.is_array)
+
+        def step(carry: Any, rows: Any) -> Any:
+            weights, state = carry
+
+            def of(weights: Any) -> Any:
+                chosen = jax.tree.map(lambda v: jnp.asarray(v)[rows], examples)
+                return _mean(loss, eqx.combine(weights, rest), chosen)
+
+            value, gradient = jax.value_and_grad(of)(weights)
+            updates, state = optimiser.update(gradient, state, weights)
+            return (optax.apply_updates(weights, updates), state), value
+
+        (weights, state), values = jax.lax.scan(step, (weights, state), order)
+        return eqx.combine(weights, rest), state, jnp.mean(values)
+
+    return run
+
+
+class Checkpoint:
+    """A training's state on disk: one file, replaced as a whole."""
+
+    def __init__(self, folder: Path, about: dict[str, Any]) -> None:
+        self._file = folder / "checkpoint.safetensors"
+        self._about = about
+        folder.mkdir(parents=True, exist_ok=True)
+
+    def load(self, blank: Any) -> tuple[Any, tuple[Epoch, ...]]:
+        """The last state, or the first."""
+        if not self._file.exists():
+            return blank, ()
+        size, _, rest = self._file.read_bytes().partition(b"\n")
+        try:
+            head = json.loads(rest[: int(size)])
+        except ValueError as error:
+            raise ValueError(f"{self._file}: is damaged ({error}); delete it") from error
+        if head["about"] != self._about:
+            raise ValueError(
+                f"{self._file}: is of a training with other data or another schedule; choose "
+                "another folder or delete it"
+            )
+        tree = unpacked(blank, rest[int(size) :], str(self._file))
+        return tree, tuple(Epoch(*line) for line in head["curve"])
+
+    def save(self, tree: Any, curve: tuple[Epoch, ...]) -> None:
+        """Keep this state in place of the one before."""
+        head = json.dumps({"about": self._about, "curve": curve}).encode()
+        data = str(len(head)).encode() + b"\n" + head + packed(tree)
+        replace_file(self._file, data)
+
+
+def replace_file(path: Path, data: bytes) -> None:
+    """Write beside, then move: readers see the old file or the new one."""
+    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(temporary, path)
+    except BaseException:
+        Path(temporary).unlink(missing_ok=True)
+        raise
+
+
+def _digest(tree: Any) -> str:
+    found = hashlib.sha256()
+    for leaf in jax.tree.leaves(tree):
+        found.update(np.ascontiguousarray(leaf).tobytes())
+    return found.hexdigest()[:16]

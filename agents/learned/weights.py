@@ -1,0 +1,74 @@
+"""Weights in files: safetensors, which hold arrays and nothing that runs, and JSON beside it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import equinox as eqx
+import jax
+import numpy as np
+from safetensors import SafetensorError
+from safetensors.numpy import load, save
+
+FOLDER = Path(__file__).parent / "shipped"
+"""What the library ships."""
+
+
+def arrays_of(tree: Any) -> dict[str, np.ndarray]:
+    """A PyTree's arrays by their places in it."""
+    leaves = jax.tree_util.tree_leaves_with_path(eqx.filter(tree, eqx.is_array))
+    return {jax.tree_util.keystr(path): np.asarray(leaf) for path, leaf in leaves}
+
+
+def with_arrays(tree: Any, arrays: dict[str, np.ndarray], what: str) -> Any:
+    """The tree with these arrays; `ValueError` where they do not fit."""
+    wanted = arrays_of(tree)
+    if wanted.keys() != arrays.keys():
+        odd = sorted(wanted.keys() ^ arrays.keys())[0]
+        raise ValueError(f"{what}: is of another network ({odd}); train it anew")
+    for name, value in wanted.items():
+        found = arrays[name]
+        if found.shape != value.shape or found.dtype != value.dtype:
+            raise ValueError(
+                f"{what}: {name} has shape {found.shape} of {found.dtype}; expected "
+                f"{value.shape} of {value.dtype}"
+            )
+    dynamic, static = eqx.partition(tree, eqx.is_array)
+    flat = jax.tree_util.tree_map_with_path(
+        lambda path, leaf: jax.numpy.asarray(arrays[jax.tree_util.keystr(path)]), dynamic
+    )
+    return eqx.combine(flat, static)
+
+
+def packed(tree: Any) -> bytes:
+    """A tree's arrays as the contents of a file."""
+    found: bytes = save({name: np.ascontiguousarray(v) for name, v in arrays_of(tree).items()})
+    return found
+
+
+def unpacked(tree: Any, data: bytes, what: str) -> Any:
+    """The tree with what `packed` made; `what` names the file in errors."""
+    try:
+        arrays = load(data)
+    except SafetensorError as error:
+        raise ValueError(f"{what}: is damaged ({error})") from error
+    return with_arrays(tree, arrays, what)
+
+
+def load_network(path: Path, make: Callable[[dict[str, Any]], Any]) -> tuple[Any, dict[str, Any]]:
+    """A network from `path` (.safetensors), and what the JSON beside it says.
+
+    `make`: from that, a network of the right shapes.
+    """
+    about = path.with_suffix(".json")
+    for file in (path, about):
+        if not file.is_file():
+            raise ValueError(f"{file}: is missing; train it, or name another file")
+    try:
+        told = json.loads(about.read_text())
+    except json.JSONDecodeError as error:
+        raise ValueError(f"{about}: is not JSON ({error})") from error
+    return unpacked(make(told), path.read_bytes(), str(path)), told

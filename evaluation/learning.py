@@ -1,0 +1,159 @@
+"""`foresight train`: from episodes and recordings to weights that predict."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+from jaxtyping import Float
+from matplotlib.figure import Figure
+
+from agents.learned.features import Features
+from agents.learned.gamma_network import GammaExample, GammaNetwork, gamma_examples, gamma_loss
+from agents.learned.head import Futures, negative_log_likelihood
+from agents.learned.predictor import NETWORKS
+from agents.learned.training import Epoch, Schedule, Trained, train
+from agents.learned.weights import packed
+from evaluation.figures import save
+from evaluation.generation import episodes_in
+from evaluation.prediction_window import split_of
+from evaluation.scenes import Scenes, recorded_scenes, simulated_scenes, stack
+from evaluation.store import Row, write_atomically
+from foresight_env.datasets import open_recording, recordings_below
+
+GAMMA = "gamma"
+"""The network that infers discount factors; it predicts nothing by itself."""
+TRAINABLE = (*NETWORKS, GAMMA)
+GRID = np.exp(np.linspace(np.log(0.25), np.log(4.0), 81))
+"""Factors of deviations that calibration tries."""
+
+
+def scene_loss(network: Any, example: Scenes) -> tuple[Any, Any]:
+    """Of one scene, and how many agents' steps it counts for."""
+    return negative_log_likelihood(network(example.seen), example.target, example.known)
+
+
+def forecast_data(episodes: Sequence[Path], data: Path | None, part: str) -> Scenes:
+    """Scenes of a part, "train" or "validation": of all folders of episodes, and of recordings."""
+    found = [
+        scene
+        for folder in episodes
+        for row in episodes_in(folder / part, part)
+        for scene in simulated_scenes(row)
+    ]
+    if data is not None:
+        for directory, name in recordings_below(data):
+            recording = open_recording(str(directory), recording=name)
+            if split_of(recording.name) == "development":
+                found += recorded_scenes(recording, part)
+    if not found:
+        raise ValueError("--episodes, --data: hold nothing to learn from")
+    return stack(found)
+
+
+def gamma_data(episodes: Sequence[Path], part: str) -> GammaExample:
+    """Windows of crosswalks of two."""
+    found: list[GammaExample] = []
+    for folder in episodes:
+        for row in episodes_in(folder / part, part):
+            if row["place"] == "crosswalk":
+                found += gamma_examples(observed_states(row), np.array(row["gamma"]))
+    if not found:
+        raise ValueError("--episodes: hold no crosswalks; make them with foresight generate")
+    return GammaExample(*(np.stack(parts) for parts in zip(*found, strict=True)))
+
+
+def observed_states(row: Row) -> Float[np.ndarray, "steps N 4"]:
+    """What the ego saw of everybody in an episode, in the order of players."""
+    count, steps = row["players"], row["steps"]
+    seen = np.array(row["observations"]).reshape(steps, -1)[:, : 4 * count]
+    found = np.empty((steps, count, 4))
+    found[:, [row["ego"], *(j for j in range(count) if j != row["ego"])]] = seen.reshape(
+        steps, count, 4
+    )
+    return found
+
+
+def calibration(network: Any, data: Scenes) -> float:
+    """By what deviations are to be multiplied to make the data likeliest."""
+
+    @jax.jit
+    def loss(factor: Any) -> Any:
+        def one(seen: Features, target: Any, known: Any) -> Any:
+            found: Futures = network(seen)
+            wide = found._replace(deviation=factor * found.deviation)
+            return negative_log_likelihood(wide, target, known)
+
+        losses, counts = jax.vmap(one)(data.seen, data.target, data.known)
+        return losses.sum() / counts.sum()
+
+    return float(GRID[int(np.argmin([float(loss(factor)) for factor in GRID]))])
+
+
+def learn(
+    name: str,
+    episodes: Sequence[Path],
+    data: Path | None,
+    folder: Path,
+    schedule: Schedule,
+    told: Callable[[Epoch], None] = lambda epoch: None,
+) -> Trained:
+    """Train, and write `NAME.safetensors`, `NAME.json`, `curve.csv` and `curve.png` in `folder`."""
+    if name not in TRAINABLE:
+        raise ValueError(f"name: {name!r} is unknown; choose from {', '.join(TRAINABLE)}")
+    begin = time.perf_counter()
+    examples: Any
+    validation: Any
+    if name == GAMMA:
+        examples, validation = (gamma_data(episodes, part) for part in ("train", "validation"))
+        make, loss = GammaNetwork, gamma_loss
+    else:
+        examples, validation = (
+            forecast_data(episodes, data, part) for part in ("train", "validation")
+        )
+        make, loss = NETWORKS[name], scene_loss
+    found = train(
+        lambda key: make(key=key), loss, examples, validation, folder, schedule, told=told
+    )
+    factor = 1.0 if name == GAMMA else calibration(found.network, validation)
+    about = {
+        "network": name,
+        "calibration": factor,
+        "examples": len(jax.tree.leaves(examples)[0]),
+        "validation": len(jax.tree.leaves(validation)[0]),
+        "epochs": len(found.curve),
+        "best_epoch": found.best,
+        "best_loss": found.curve[found.best].validation,
+    }
+    write_atomically(folder / f"{name}.safetensors", packed(found.network))
+    write_atomically(folder / f"{name}.json", (json.dumps(about, indent=2) + "\n").encode())
+    _curve(found.curve, folder)
+    seconds = {"seconds": round(time.perf_counter() - begin, 1)}
+    write_atomically(folder / "last_run.json", json.dumps(seconds).encode())
+    return found
+
+
+def _curve(curve: Sequence[Epoch], folder: Path) -> None:
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(("epoch", "train", "validation"))
+    writer.writerows(curve)
+    write_atomically(folder / "curve.csv", out.getvalue().encode())
+    figure = Figure(figsize=(5.0, 3.2), layout="constrained")
+    axes = figure.subplots()
+    numbers = [e.number for e in curve]
+    axes.plot(numbers, [e.train for e in curve], label="train")
+    axes.plot(numbers, [e.validation for e in curve], label="validation")
+    best = min(curve, key=lambda e: e.validation)
+    axes.axvline(best.number, color="0.5", ls=":", label="kept")
+    axes.set_xlabel("epoch")
+    axes.set_ylabel("negative log-likelihood")
+    axes.legend()
+    save(figure, folder / "curve.png")

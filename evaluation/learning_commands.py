@@ -1,0 +1,85 @@
+"""`foresight generate` and `foresight train`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from evaluation.benchmark_command import PLACE_NAMES
+from evaluation.options import OutOption, WorkersOption, listed, plain_errors
+
+SPLITS = ("train", "validation", "test")
+TRAINABLE_NAMES = ("social-lstm", "transformer", "gamma")
+
+
+@plain_errors
+def generate(
+    scenarios: Annotated[
+        str, typer.Argument(help=f"Comma-separated, of {', '.join(PLACE_NAMES)}.")
+    ] = "crosswalk",
+    episodes: Annotated[int, typer.Option(min=1, help="Of every scenario.")] = 100,
+    split: Annotated[
+        str, typer.Option(help="train, validation or test: each has seeds of its own.")
+    ] = "train",
+    workers: WorkersOption = None,
+    out: OutOption = Path("results/episodes"),
+) -> None:
+    """Make a data set of episodes: states, observations, controls, goals, discount factors.
+
+    In OUT/SPLIT, as Parquet; what is there already is kept.
+    """
+    places = listed("SCENARIOS", scenarios, PLACE_NAMES)
+    if split not in SPLITS:
+        raise ValueError(f"--split: is {split!r}; choose from {', '.join(SPLITS)}")
+    from evaluation.generation import generate as run
+
+    rows = run(out / split, places, episodes, split, workers)
+    broken = [row for row in rows if row["error"]]
+    typer.echo(f"episodes: {len(rows) - len(broken)} in {out / split}")
+    for row in broken[:3]:
+        typer.echo(f"broken: {row['place']} {row['seed']}: {row['error']}", err=True)
+
+
+@plain_errors
+def train(
+    name: Annotated[str, typer.Argument(help=f"One of {', '.join(TRAINABLE_NAMES)}.")],
+    episodes: Annotated[
+        str, typer.Option(help="Folders of foresight generate, comma-separated; empty for none.")
+    ] = "results/episodes",
+    data: Annotated[
+        Path | None,
+        typer.Option(help="Folder of recordings; those that tests are made on are left out."),
+    ] = None,
+    epochs: Annotated[int, typer.Option(min=1, help="At most.")] = 100,
+    batch: Annotated[int, typer.Option(min=1, help="Examples per step.")] = 64,
+    rate: Annotated[float, typer.Option(min=0.0, help="Learning rate at the start.")] = 2e-3,
+    patience: Annotated[
+        int, typer.Option(min=1, help="Epochs without a better validation that end it.")
+    ] = 15,
+    seed: Annotated[int, typer.Option(min=0, help="Of weights and order.")] = 0,
+    out: OutOption = Path("results/training"),
+) -> None:
+    """Train a network; a training that was interrupted goes on, to the same end.
+
+    OUT/NAME gets the weights, what they are of, and the learning curve.
+    """
+    listed("NAME", name, TRAINABLE_NAMES)
+    from agents.learned.training import Schedule
+    from evaluation.learning import learn
+
+    folders = [Path(part.strip()) for part in episodes.split(",") if part.strip()]
+    schedule = Schedule(epochs, batch, rate, patience=patience, seed=seed)
+    found = learn(
+        name,
+        folders,
+        data,
+        out / name,
+        schedule,
+        lambda e: typer.echo(f"epoch {e.number}: {e.train:.4f}, validation {e.validation:.4f}"),
+    )
+    best = found.curve[found.best]
+    typer.echo(f"kept: epoch {best.number}, validation {best.validation:.4f}")
+    typer.echo(f"weights: {out / name / f'{name}.safetensors'}")
+    typer.echo(f"curve: {out / name / 'curve.png'}")
