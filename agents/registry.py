@@ -77,7 +77,15 @@ PREDICTORS: dict[str, Callable[[], Predictor]] = {
     "social-force": SocialForcePredictor,
     "orca": OrcaPredictor,
     "idm": IdmPredictor,
+    "social-lstm": lambda: _learned("social-lstm"),
+    "transformer": lambda: _learned("transformer"),
 }
+
+
+def _learned(name: str) -> Predictor:
+    from agents.learned.predictor import LearnedPredictor  # loads equinox
+
+    return LearnedPredictor(name)
 
 
 def make_predictor(name: str) -> Predictor:

@@ -31,6 +31,7 @@ class Study(StrEnum):
     INTERVALS = "intervals"
     ONLINE = "online"
     EGOS = "egos"
+    LEARNED_GAMMA = "learned_gamma"
     INTERSECTION = "intersection"
     STRESS = "stress"
     ENVIRONMENT = "environment"

@@ -24,7 +24,7 @@ from agents.learned.weights import packed
 from evaluation.figures import save
 from evaluation.generation import episodes_in
 from evaluation.prediction_window import split_of
-from evaluation.scenes import Scenes, recorded_scenes, simulated_scenes, stack
+from evaluation.scenes import Scenes, mirrored, recorded_scenes, simulated_scenes, stack
 from evaluation.store import Row, write_atomically
 from foresight_env.datasets import open_recording, recordings_below
 
@@ -37,7 +37,9 @@ GRID = np.exp(np.linspace(np.log(0.25), np.log(4.0), 81))
 
 def scene_loss(network: Any, example: Scenes) -> tuple[Any, Any]:
     """Of one scene, and how many agents' steps it counts for."""
-    return negative_log_likelihood(network(example.seen), example.target, example.known)
+    target: Any = example.target
+    known: Any = example.known
+    return negative_log_likelihood(network(example.seen), target, known)
 
 
 def forecast_data(episodes: Sequence[Path], data: Path | None, part: str) -> Scenes:
@@ -111,6 +113,8 @@ def learn(
     begin = time.perf_counter()
     examples: Any
     validation: Any
+    make: Any
+    loss: Any
     if name == GAMMA:
         examples, validation = (gamma_data(episodes, part) for part in ("train", "validation"))
         make, loss = GammaNetwork, gamma_loss
@@ -118,6 +122,7 @@ def learn(
         examples, validation = (
             forecast_data(episodes, data, part) for part in ("train", "validation")
         )
+        examples = stack([examples, mirrored(examples)])
         make, loss = NETWORKS[name], scene_loss
     found = train(
         lambda key: make(key=key), loss, examples, validation, folder, schedule, told=told

@@ -157,6 +157,8 @@ PREDICTOR_NAMES = (
     "social-force",
     "orca",
     "idm",
+    "social-lstm",
+    "transformer",
 )
 
 

@@ -22,10 +22,11 @@ from evaluation.prediction_window import (
 from evaluation.store import Row
 from foresight_env.datasets import Recording
 
+LONG = 60.0
+"""Recordings of more seconds than this are divided: their last `VALIDATION_PART` is kept from
+training. Of shorter ones those of `VALIDATION` are kept from it as a whole."""
 VALIDATION_PART = 0.2
-"""The last part of a development recording, kept from training."""
-BETWEEN = 2
-"""Steps between moments of a recording."""
+VALIDATION = ("intersection_17",)
 REACH = 20.0
 """Agents farther from the one that a scene is about are left out, m."""
 
@@ -50,6 +51,14 @@ def stack(scenes: Sequence[Scenes]) -> Scenes:
     return Scenes(seen, target, known)
 
 
+def mirrored(scenes: Scenes) -> Scenes:
+    """The same scenes seen in a mirror: what is true of the left is true of the right."""
+    seen = scenes.seen
+    across = np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0], np.float32)
+    flipped = seen._replace(past=seen.past * across[:5], others=seen.others * across)
+    return scenes._replace(seen=flipped, target=scenes.target * across[:2])
+
+
 def _one(history: History, truth: np.ndarray) -> Scenes:
     seen, frames = features_of(history)
     target, known = targets_of(frames, truth, history.dt)
@@ -65,11 +74,18 @@ def recorded_scenes(recording: Recording, part: str) -> Iterator[Scenes]:
         raise ValueError(f"recording: {recording.name} is for tests; nothing is learned from it")
     grid = Grid.of(recording)
     start, end = recording.frame_range
-    border = round(end - VALIDATION_PART * (end - start))
-    # Nothing that is predicted in training is seen in validation.
-    low, high = (start, border - grid.predicted * grid.every) if part == "train" else (border, end)
+    train = part == "train"
+    low, high = start, end
+    if (end - start) / recording.rate > LONG:
+        # On the recording's own rows.
+        steps = round((1.0 - VALIDATION_PART) * (end - start) / grid.every)
+        border = start + steps * grid.every
+        # Nothing that is predicted in training is seen in validation.
+        low, high = (start, border - grid.predicted * grid.every) if train else (border, end)
+    elif train == (recording.name in VALIDATION):
+        return
     first = low + (LEAST_OBSERVED - 1) * grid.every
-    for frame in range(first, high - LEAST_PREDICTED * grid.every, BETWEEN * grid.every):
+    for frame in range(first, high - LEAST_PREDICTED * grid.every + 1, grid.every):
         yield from _moment(recording, grid, frame)
 
 

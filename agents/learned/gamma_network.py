@@ -20,12 +20,12 @@ WINDOW = 10
 
 
 class GammaExample(NamedTuple):
-    """A window of a crosswalk of two, as one agent's discount factor is asked for."""
+    """A window of a crosswalk of two, in which the other's discount factor is asked for."""
 
     own: Float32[np.ndarray, "window 4"]
     """Observed states of the one whose gamma it is: places from its place now (m), m/s."""
     other: Float32[np.ndarray, "window 4"]
-    """And of the other, from the same place."""
+    """And of the ego, from the same place."""
     gamma: Float32[np.ndarray, ""]
 
 
@@ -50,15 +50,20 @@ def gamma_loss(network: GammaNetwork, example: GammaExample) -> tuple[Array, Arr
     return 0.5 * error**2 + jnp.log(deviation), jnp.ones(())
 
 
+def gamma_window(
+    rows: Float[np.ndarray, "window 2 4"],
+) -> tuple[Float32[np.ndarray, "window 4"], Float32[np.ndarray, "window 4"]]:
+    """What the network sees of the pedestrian (row 1) and of the ego (row 0)."""
+    origin = np.array([*rows[-1, 1, :2], 0.0, 0.0])
+    return np.asarray(rows[:, 1] - origin, np.float32), np.asarray(rows[:, 0] - origin, np.float32)
+
+
 def gamma_examples(
-    observed: Float[np.ndarray, "steps N 4"], gamma: Float[np.ndarray, "N"]
+    observed: Float[np.ndarray, "steps 2 4"], gamma: Float[np.ndarray, "2"]
 ) -> list[GammaExample]:
-    """Every second window of an episode of two, once for each of them."""
-    found = []
-    for end in range(WINDOW, len(observed) + 1, 2):
-        rows = observed[end - WINDOW : end]
-        for i in (0, 1):
-            origin = np.array([*rows[-1, i, :2], 0.0, 0.0])
-            own, other = (np.asarray(rows[:, j] - origin, np.float32) for j in (i, 1 - i))
-            found.append(GammaExample(own, other, np.asarray(gamma[i], np.float32)))
-    return found
+    """Every second window of an episode; the ego, whose gamma is always the same, is not asked."""
+    truth = np.asarray(gamma[1], np.float32)
+    return [
+        GammaExample(*gamma_window(observed[end - WINDOW : end]), truth)
+        for end in range(WINDOW, len(observed) + 1, 2)
+    ]
