@@ -15,6 +15,12 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.figure import Figure
 
+from agents.learned.cloning import (
+    CloningExample,
+    CloningNetwork,
+    cloning_examples,
+    cloning_loss,
+)
 from agents.learned.features import Features
 from agents.learned.gamma_network import GammaExample, GammaNetwork, gamma_examples, gamma_loss
 from agents.learned.head import Futures, negative_log_likelihood
@@ -30,7 +36,9 @@ from foresight_env.datasets import open_recording, recordings_below
 
 GAMMA = "gamma"
 """The network that infers discount factors; it predicts nothing by itself."""
-TRAINABLE = (*NETWORKS, GAMMA)
+CLONED = "cloned"
+"""The ego that does what the oracle did."""
+TRAINABLE = (*NETWORKS, GAMMA, CLONED)
 GRID = np.exp(np.linspace(np.log(0.25), np.log(4.0), 81))
 """Factors of deviations that calibration tries."""
 
@@ -70,6 +78,21 @@ def gamma_data(episodes: Sequence[Path], part: str) -> GammaExample:
     if not found:
         raise ValueError("--episodes: hold no crosswalks; make them with foresight generate")
     return GammaExample(*(np.stack(parts) for parts in zip(*found, strict=True)))
+
+
+def cloning_data(episodes: Sequence[Path], part: str) -> CloningExample:
+    """Steps of crosswalks of two in which nobody collided."""
+    found: list[CloningExample] = []
+    for folder in episodes:
+        for row in episodes_in(folder / part, part):
+            if row["place"] == "crosswalk" and row["goal_reached"]:
+                steps = row["steps"]
+                observations = np.array(row["observations"]).reshape(steps, -1)
+                controls = np.array(row["controls"]).reshape(steps, 2, 2)[:, 0]
+                found += cloning_examples(observations, controls)
+    if not found:
+        raise ValueError("--episodes: hold no crosswalks; make them with foresight generate")
+    return CloningExample(*(np.stack(parts) for parts in zip(*found, strict=True)))
 
 
 def observed_states(row: Row) -> Float[np.ndarray, "steps N 4"]:
@@ -115,19 +138,21 @@ def learn(
     validation: Any
     make: Any
     loss: Any
+    parts = ("train", "validation")
     if name == GAMMA:
-        examples, validation = (gamma_data(episodes, part) for part in ("train", "validation"))
+        examples, validation = (gamma_data(episodes, part) for part in parts)
         make, loss = GammaNetwork, gamma_loss
+    elif name == CLONED:
+        examples, validation = (cloning_data(episodes, part) for part in parts)
+        make, loss = CloningNetwork, cloning_loss
     else:
-        examples, validation = (
-            forecast_data(episodes, data, part) for part in ("train", "validation")
-        )
+        examples, validation = (forecast_data(episodes, data, part) for part in parts)
         examples = stack([examples, mirrored(examples)])
         make, loss = NETWORKS[name], scene_loss
     found = train(
         lambda key: make(key=key), loss, examples, validation, folder, schedule, told=told
     )
-    factor = 1.0 if name == GAMMA else calibration(found.network, validation)
+    factor = calibration(found.network, validation) if name in NETWORKS else 1.0
     about = {
         "network": name,
         "calibration": factor,
@@ -159,6 +184,6 @@ def _curve(curve: Sequence[Epoch], folder: Path) -> None:
     best = min(curve, key=lambda e: e.validation)
     axes.axvline(best.number, color="0.5", ls=":", label="kept")
     axes.set_xlabel("epoch")
-    axes.set_ylabel("negative log-likelihood")
+    axes.set_ylabel("loss")
     axes.legend()
     save(figure, folder / "curve.png")

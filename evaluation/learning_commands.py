@@ -11,7 +11,7 @@ from evaluation.benchmark_command import PLACE_NAMES
 from evaluation.options import OutOption, WorkersOption, listed, plain_errors
 
 SPLITS = ("train", "validation", "test")
-TRAINABLE_NAMES = ("social-lstm", "transformer", "gamma")
+TRAINABLE_NAMES = ("social-lstm", "transformer", "gamma", "cloned")
 
 
 @plain_errors
