@@ -40,7 +40,17 @@ def _idm() -> EgoPolicy[Any]:
 
 
 DRIVING_EGOS: dict[str, Callable[[], EgoPolicy[Any]]] = {**EGOS, "idm": _idm}
-"""All egos; those beyond `EGOS` drive cars along paths only."""
+"""Egos of cars; those beyond `EGOS` drive along paths only."""
+
+
+def _cloned() -> EgoPolicy[Any]:
+    from agents.learned.cloning import Cloned  # loads equinox
+
+    return Cloned()
+
+
+CROSSWALK_EGOS: dict[str, Callable[[], EgoPolicy[Any]]] = {**EGOS, "cloned": _cloned}
+"""Egos at the crosswalk; those beyond `EGOS` walk there only."""
 
 
 PLANNED = "+plan"
@@ -57,12 +67,13 @@ def make_ego(name: str) -> EgoPolicy[Any]:
         return PredictThenPlan(make_predictor(stem), name)
     if ":" in name:
         return _loaded("ego", name, EgoPolicy)
-    if name not in DRIVING_EGOS:
+    known = {**DRIVING_EGOS, **CROSSWALK_EGOS}
+    if name not in known:
         raise ValueError(
-            f"ego: {name!r} is unknown; choose from {', '.join(DRIVING_EGOS)}, a predictor's name "
+            f"ego: {name!r} is unknown; choose from {', '.join(known)}, a predictor's name "
             f"with {PLANNED}, or your own as module:Class"
         )
-    return DRIVING_EGOS[name]()
+    return known[name]()
 
 
 PREDICTORS: dict[str, Callable[[], Predictor]] = {

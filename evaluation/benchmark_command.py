@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from evaluation.options import (
-    DRIVING_EGO_NAMES,
+    ALL_EGO_NAMES,
     PREDICTOR_NAMES,
     Behaviour,
     OutOption,
@@ -71,7 +71,7 @@ def benchmark(
         listed("--scenarios", scenarios, PLACE_NAMES) if scenarios else (),
         listed("--others", others, (Behaviour.RECEDING.value, Behaviour.IDM.value)),
         _names("--predictors", predictors, PREDICTOR_NAMES),
-        _names("--egos", egos, (*DRIVING_EGO_NAMES, *PLANNED_NAMES)),
+        _names("--egos", egos, (*ALL_EGO_NAMES, *PLANNED_NAMES)),
         episodes,
     )
     if not (plan.places or data):

@@ -51,8 +51,9 @@ class Plan:
         ]
 
     def egos_of(self, place: str) -> tuple[str, ...]:
-        """Those that can be there: highway-env's vehicle needs its roads."""
-        return tuple(e for e in self.egos if e != "idm" or is_driving(place))
+        """Those that can be there: highway-env's vehicle needs its roads, the cloned a crossing."""
+        elsewhere = {"idm": not is_driving(place), "cloned": place != "crosswalk"}
+        return tuple(ego for ego in self.egos if not elsewhere.get(ego, False))
 
 
 def run_windows(place: str, seed: int, predictor: str, settings: str) -> Row:

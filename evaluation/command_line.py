@@ -13,7 +13,6 @@ from evaluation.evaluate_commands import evaluate
 from evaluation.learning_commands import generate, train
 from evaluation.options import (
     EGO_HELP,
-    EGO_NAMES,
     Behaviour,
     Observed,
     OutOption,
@@ -50,7 +49,8 @@ def run(
         str,
         typer.Option(
             callback=check_ego,
-            help=f"{EGO_HELP} In driving also idm, highway-env's own vehicle.",
+            help=f"{EGO_HELP} In driving also idm, highway-env's own vehicle; at the crosswalk "
+            "also cloned, a network that does what the oracle did.",
         ),
     ] = "foresight",
     seed: Annotated[int, typer.Option(min=0, help="Episode.")] = 0,
@@ -74,8 +74,10 @@ def run(
         check_noise(noise_std)
     if is_own(ego):
         make_all("--ego", [ego])
-    elif ego not in EGO_NAMES and scenario is not Scenario.DRIVING:
+    elif ego == "idm" and scenario is not Scenario.DRIVING:
         raise ValueError(f"--ego: {ego} drives cars of the scenario driving only")
+    elif ego == "cloned" and scenario is not Scenario.CROSSWALK:
+        raise ValueError(f"--ego: {ego} walks in the scenario crosswalk only")
     from evaluation.demonstration import run_one
     from evaluation.run_setting import RunSetting
 

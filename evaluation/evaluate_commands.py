@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from evaluation.options import (
+    CROSSWALK_EGO_NAMES,
     DRIVING_EGO_NAMES,
     EGO_HELP,
     EGO_NAMES,
@@ -44,7 +45,10 @@ def evaluate_crosswalk(
         int, typer.Option(min=0, help="Heatmap points per axis; 0 leaves it out.")
     ] = 41,
     egos: Annotated[
-        str, typer.Option(help=f"Egos of the closed-loop study, comma-separated. {EGO_HELP}")
+        str,
+        typer.Option(
+            help=f"Egos of the closed-loop study, comma-separated; also cloned. {EGO_HELP}"
+        ),
     ] = ",".join(EGO_NAMES),
     players: PlayersOption = 2,
     observation: Annotated[
@@ -58,7 +62,7 @@ def evaluate_crosswalk(
 
     Interrupted studies go on where they stopped. The paper's size is --levels 50 --sequences 50.
     """
-    names = chosen_agents("--egos", egos, EGO_NAMES)
+    names = chosen_agents("--egos", egos, CROSSWALK_EGO_NAMES)
     check_noise(noise_std)
     if grid == 1:
         raise ValueError("--grid: is 1; a heatmap has at least 2 points per axis")

@@ -52,20 +52,20 @@ def scene_loss(network: Any, example: Scenes) -> tuple[Any, Any]:
 
 def forecast_data(episodes: Sequence[Path], data: Path | None, part: str) -> Scenes:
     """Scenes of a part, "train" or "validation": of all folders of episodes, and of recordings."""
-    found = [
+    simulated = [
         scene
         for folder in episodes
         for row in episodes_in(folder / part, part)
         for scene in simulated_scenes(row)
     ]
-    if data is not None:
-        for directory, name in recordings_below(data):
-            recording = open_recording(str(directory), recording=name)
-            if split_of(recording.name) == "development":
-                found += recorded_scenes(recording, part)
-    if not found:
+    recorded = []
+    for directory, name in [] if data is None else recordings_below(data):
+        recording = open_recording(str(directory), recording=name)
+        if split_of(recording.name) == "development":
+            recorded += list(recorded_scenes(recording, part))
+    if not (simulated or recorded):
         raise ValueError("--episodes, --data: hold nothing to learn from")
-    return stack(found)
+    return stack([*simulated, *recorded])
 
 
 def gamma_data(episodes: Sequence[Path], part: str) -> GammaExample:

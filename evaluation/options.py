@@ -22,6 +22,8 @@ EGO_HELP = (
 
 
 DRIVING_EGO_NAMES = (*EGO_NAMES, "idm")
+CROSSWALK_EGO_NAMES = (*EGO_NAMES, "cloned")
+ALL_EGO_NAMES = (*DRIVING_EGO_NAMES, "cloned")
 
 
 class Scenario(StrEnum):
@@ -92,8 +94,8 @@ def is_own(name: str) -> bool:
 
 def check_ego(name: str) -> str:
     """For the option `--ego`: a name that is known, or one's own."""
-    if name not in DRIVING_EGO_NAMES and not is_own(name):
-        raise typer.BadParameter(f"{name!r} is unknown; choose from {', '.join(DRIVING_EGO_NAMES)}")
+    if name not in ALL_EGO_NAMES and not is_own(name):
+        raise typer.BadParameter(f"{name!r} is unknown; choose from {', '.join(ALL_EGO_NAMES)}")
     return name
 
 

@@ -34,7 +34,7 @@ class Schedule:
     epochs: int = 100
     batch: int = 64
     rate: float = 2e-3
-    decay: float = 1e-4
+    decay: float = 0.1
     """Of weights, per step (AdamW)."""
     patience: int = 15
     """Epochs without a better validation after which it ends."""

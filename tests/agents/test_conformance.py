@@ -6,9 +6,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from agents import EGOS, PREDICTORS, Decision, make_ego, make_predictor
+from agents import PREDICTORS, Decision, make_ego, make_predictor
 from agents.conformance import ConformanceError, check_ego, check_predictor, histories
 from agents.kinematic import ConstantVelocityPredictor
+from agents.registry import CROSSWALK_EGOS
 from foresight_env.envs.crosswalk_v0 import parallel_env
 
 PLAYING = ("foresight", "farsighted", "kkt-residual", "particle-filter")
@@ -22,7 +23,7 @@ def test_every_registered_predictor_conforms(name):
     check_predictor(make_predictor(name), chosen)
 
 
-@pytest.mark.parametrize("name", [*EGOS, "kalman+plan"])
+@pytest.mark.parametrize("name", [*CROSSWALK_EGOS, "kalman+plan"])
 def test_every_registered_ego_conforms(name):
     check_ego(make_ego(name), steps=3, blind=name != "oracle")
 

@@ -7,10 +7,20 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from agents import EGOS, PREDICTORS
-from agents.registry import DRIVING_EGOS
+from agents.registry import CROSSWALK_EGOS, DRIVING_EGOS
 from evaluation import command_line, options
 from evaluation.command_line import app
-from evaluation.options import DRIVING_EGO_NAMES, EGO_NAMES, PREDICTOR_NAMES, Scene
+from evaluation.generation import FIRST_SEED
+from evaluation.learning import TRAINABLE
+from evaluation.learning_commands import SPLITS, TRAINABLE_NAMES
+from evaluation.options import (
+    ALL_EGO_NAMES,
+    CROSSWALK_EGO_NAMES,
+    DRIVING_EGO_NAMES,
+    EGO_NAMES,
+    PREDICTOR_NAMES,
+    Scene,
+)
 from evaluation.sample import write_sample
 from foresight_env.highway.scenes import SCENES
 
@@ -66,6 +76,10 @@ def test_help_of_everything():
     assert all(command.split()[0] in result.stdout for command in COMMANDS)
     assert tuple(EGOS) == EGO_NAMES
     assert tuple(DRIVING_EGOS) == DRIVING_EGO_NAMES
+    assert tuple(CROSSWALK_EGOS) == CROSSWALK_EGO_NAMES
+    assert set(ALL_EGO_NAMES) == {*DRIVING_EGOS, *CROSSWALK_EGOS}
+    assert set(TRAINABLE_NAMES) == set(TRAINABLE)
+    assert set(SPLITS) == set(FIRST_SEED)
     assert tuple(PREDICTORS) == PREDICTOR_NAMES
     assert [scene.value for scene in Scene] == list(SCENES)
 
