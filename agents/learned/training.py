@@ -20,6 +20,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import optax
+from safetensors import SafetensorError, safe_open
 
 from agents.learned.weights import packed, unpacked
 
@@ -154,24 +155,23 @@ class Checkpoint:
         """The last state, or the first."""
         if not self._file.exists():
             return blank, ()
-        size, _, rest = self._file.read_bytes().partition(b"\n")
         try:
-            head = json.loads(rest[: int(size)])
-        except ValueError as error:
+            with safe_open(self._file, "numpy") as file:
+                head = {name: json.loads(text) for name, text in (file.metadata() or {}).items()}
+        except (SafetensorError, ValueError) as error:
             raise ValueError(f"{self._file}: is damaged ({error}); delete it") from error
-        if head["about"] != self._about:
+        if head.get("about") != self._about:
             raise ValueError(
                 f"{self._file}: is of a training with other data or another schedule; choose "
                 "another folder or delete it"
             )
-        tree = unpacked(blank, rest[int(size) :], str(self._file))
+        tree = unpacked(blank, self._file.read_bytes(), str(self._file))
         return tree, tuple(Epoch(*line) for line in head["curve"])
 
     def save(self, tree: Any, curve: tuple[Epoch, ...]) -> None:
         """Keep this state in place of the one before."""
-        head = json.dumps({"about": self._about, "curve": curve}).encode()
-        data = str(len(head)).encode() + b"\n" + head + packed(tree)
-        replace_file(self._file, data)
+        head = {"about": json.dumps(self._about), "curve": json.dumps(curve)}
+        replace_file(self._file, packed(tree, head))
 
 
 def replace_file(path: Path, data: bytes) -> None:

@@ -43,9 +43,10 @@ def with_arrays(tree: Any, arrays: dict[str, np.ndarray], what: str) -> Any:
     return eqx.combine(flat, static)
 
 
-def packed(tree: Any) -> bytes:
-    """A tree's arrays as the contents of a file."""
-    found: bytes = save({name: np.ascontiguousarray(v) for name, v in arrays_of(tree).items()})
+def packed(tree: Any, about: dict[str, str] | None = None) -> bytes:
+    """A tree's arrays as the contents of a file; `about`: the file's metadata."""
+    arrays = {name: np.asarray(v, order="C") for name, v in arrays_of(tree).items()}
+    found: bytes = save(arrays, about)
     return found
 
 
