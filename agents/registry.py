@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from importlib import import_module
 from inspect import Parameter, isfunction, signature
 from typing import Any
@@ -43,13 +44,16 @@ DRIVING_EGOS: dict[str, Callable[[], EgoPolicy[Any]]] = {**EGOS, "idm": _idm}
 """Egos of cars; those beyond `EGOS` drive along paths only."""
 
 
-def _cloned() -> EgoPolicy[Any]:
-    from agents.learned.cloning import Cloned  # loads equinox
+def _reactive(name: str) -> EgoPolicy[Any]:
+    from agents.learned.reactive import ReactiveEgo  # loads equinox
 
-    return Cloned()
+    return ReactiveEgo(name)
 
 
-CROSSWALK_EGOS: dict[str, Callable[[], EgoPolicy[Any]]] = {**EGOS, "cloned": _cloned}
+CROSSWALK_EGOS: dict[str, Callable[[], EgoPolicy[Any]]] = {
+    **EGOS,
+    **{name: partial(_reactive, name) for name in ("cloned", "ppo")},
+}
 """Egos at the crosswalk; those beyond `EGOS` walk there only."""
 
 

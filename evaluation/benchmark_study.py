@@ -13,6 +13,7 @@ import numpy as np
 
 from agents import make_ego, make_predictor
 from evaluation.closed_loop import WARM_UP_STEPS, Step, episode
+from evaluation.options import REACTIVE_NAMES
 from evaluation.places import is_driving, setting_of
 from evaluation.prediction import judged, warm_up
 from evaluation.provenance import fingerprint
@@ -51,9 +52,10 @@ class Plan:
         ]
 
     def egos_of(self, place: str) -> tuple[str, ...]:
-        """Those that can be there: highway-env's vehicle needs its roads, the cloned a crossing."""
-        elsewhere = {"idm": not is_driving(place), "cloned": place != "crosswalk"}
-        return tuple(ego for ego in self.egos if not elsewhere.get(ego, False))
+        """Those that can be there: highway-env's vehicle needs its roads, networks a crosswalk."""
+        roads: tuple[str, ...] = () if is_driving(place) else ("idm",)
+        elsewhere = roads if place == "crosswalk" else (*roads, *REACTIVE_NAMES)
+        return tuple(ego for ego in self.egos if ego not in elsewhere)
 
 
 def run_windows(place: str, seed: int, predictor: str, settings: str) -> Row:

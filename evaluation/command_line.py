@@ -13,6 +13,7 @@ from evaluation.evaluate_commands import evaluate
 from evaluation.learning_commands import generate, train
 from evaluation.options import (
     EGO_HELP,
+    REACTIVE_NAMES,
     Behaviour,
     Observed,
     OutOption,
@@ -50,7 +51,7 @@ def run(
         typer.Option(
             callback=check_ego,
             help=f"{EGO_HELP} In driving also idm, highway-env's own vehicle; at the crosswalk "
-            "also cloned, a network that does what the oracle did.",
+            "also cloned and ppo, networks that decide without planning.",
         ),
     ] = "foresight",
     seed: Annotated[int, typer.Option(min=0, help="Episode.")] = 0,
@@ -76,7 +77,7 @@ def run(
         make_all("--ego", [ego])
     elif ego == "idm" and scenario is not Scenario.DRIVING:
         raise ValueError(f"--ego: {ego} drives cars of the scenario driving only")
-    elif ego == "cloned" and scenario is not Scenario.CROSSWALK:
+    elif ego in REACTIVE_NAMES and scenario is not Scenario.CROSSWALK:
         raise ValueError(f"--ego: {ego} walks in the scenario crosswalk only")
     from evaluation.demonstration import run_one
     from evaluation.run_setting import RunSetting

@@ -47,7 +47,7 @@ def evaluate_crosswalk(
     egos: Annotated[
         str,
         typer.Option(
-            help=f"Egos of the closed-loop study, comma-separated; also cloned. {EGO_HELP}"
+            help=f"Egos of the closed-loop study, comma-separated; also cloned, ppo. {EGO_HELP}"
         ),
     ] = ",".join(EGO_NAMES),
     players: PlayersOption = 2,

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
-import json
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -13,7 +10,6 @@ from typing import Any
 import jax
 import numpy as np
 from jaxtyping import Float
-from matplotlib.figure import Figure
 
 from agents.learned.cloning import (
     CloningExample,
@@ -26,12 +22,11 @@ from agents.learned.gamma_network import GammaExample, GammaNetwork, gamma_examp
 from agents.learned.head import Futures, negative_log_likelihood
 from agents.learned.predictor import NETWORKS
 from agents.learned.training import Epoch, Schedule, Trained, train
-from agents.learned.weights import packed
-from evaluation.figures import save
 from evaluation.generation import episodes_in
 from evaluation.prediction_window import split_of
 from evaluation.scenes import Scenes, mirrored, recorded_scenes, simulated_scenes, stack
-from evaluation.store import Row, write_atomically
+from evaluation.store import Row
+from evaluation.trained import write_trained
 from foresight_env.datasets import open_recording, recordings_below
 
 GAMMA = "gamma"
@@ -158,32 +153,6 @@ def learn(
         "calibration": factor,
         "examples": len(jax.tree.leaves(examples)[0]),
         "validation": len(jax.tree.leaves(validation)[0]),
-        "epochs": len(found.curve),
-        "best_epoch": found.best,
-        "best_loss": found.curve[found.best].validation,
     }
-    write_atomically(folder / f"{name}.safetensors", packed(found.network))
-    write_atomically(folder / f"{name}.json", (json.dumps(about, indent=2) + "\n").encode())
-    _curve(found.curve, folder)
-    seconds = {"seconds": round(time.perf_counter() - begin, 1)}
-    write_atomically(folder / "last_run.json", json.dumps(seconds).encode())
+    write_trained(folder, name, found, about, time.perf_counter() - begin)
     return found
-
-
-def _curve(curve: Sequence[Epoch], folder: Path) -> None:
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(("epoch", "train", "validation"))
-    writer.writerows(curve)
-    write_atomically(folder / "curve.csv", out.getvalue().encode())
-    figure = Figure(figsize=(5.0, 3.2), layout="constrained")
-    axes = figure.subplots()
-    numbers = [e.number for e in curve]
-    axes.plot(numbers, [e.train for e in curve], label="train")
-    axes.plot(numbers, [e.validation for e in curve], label="validation")
-    best = min(curve, key=lambda e: e.validation)
-    axes.axvline(best.number, color="0.5", ls=":", label="kept")
-    axes.set_xlabel("epoch")
-    axes.set_ylabel("loss")
-    axes.legend()
-    save(figure, folder / "curve.png")

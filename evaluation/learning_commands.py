@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated
 
@@ -11,7 +12,10 @@ from evaluation.benchmark_command import PLACE_NAMES
 from evaluation.options import OutOption, WorkersOption, listed, plain_errors
 
 SPLITS = ("train", "validation", "test")
-TRAINABLE_NAMES = ("social-lstm", "transformer", "gamma", "cloned")
+FORECASTERS = ("social-lstm", "transformer")
+PPO = "ppo"
+"""Learns by trying; all others from data."""
+TRAINABLE_NAMES = (*FORECASTERS, "gamma", "cloned", PPO)
 
 
 @plain_errors
@@ -46,14 +50,16 @@ def generate(
 def train(
     name: Annotated[str, typer.Argument(help=f"One of {', '.join(TRAINABLE_NAMES)}.")],
     episodes: Annotated[
-        str, typer.Option(help="Folders of foresight generate, comma-separated; empty for none.")
+        str, typer.Option(help="Folders of foresight generate, comma-separated; ppo needs none.")
     ] = "results/episodes",
     data: Annotated[
         Path | None,
         typer.Option(help="Folder of recordings; those that tests are made on are left out."),
     ] = None,
     epochs: Annotated[int, typer.Option(min=1, help="At most.")] = 100,
-    batch: Annotated[int, typer.Option(min=1, help="Examples per step.")] = 64,
+    batch: Annotated[
+        int, typer.Option(min=1, help="Examples per step (of ppo: steps per update).")
+    ] = 64,
     rate: Annotated[float, typer.Option(min=0.0, help="Learning rate at the start.")] = 2e-3,
     patience: Annotated[
         int, typer.Option(min=1, help="Epochs without a better validation that end it.")
@@ -66,19 +72,25 @@ def train(
     OUT/NAME gets the weights, what they are of, and the learning curve.
     """
     listed("NAME", name, TRAINABLE_NAMES)
-    from agents.learned.training import Schedule
-    from evaluation.learning import learn
+    if data is not None and name not in FORECASTERS:
+        raise ValueError(f"--data: {name} learns from episodes only; leave it out")
+    from agents.learned.training import Epoch, Schedule
+
+    def told(epoch: Epoch) -> None:
+        typer.echo(f"epoch {epoch.number}: {epoch.train:.4f}, validation {epoch.validation:.4f}")
 
     folders = [Path(part.strip()) for part in episodes.split(",") if part.strip()]
     schedule = Schedule(epochs, batch, rate, patience=patience, seed=seed)
-    found = learn(
-        name,
-        folders,
-        data,
-        out / name,
-        schedule,
-        lambda e: typer.echo(f"epoch {e.number}: {e.train:.4f}, validation {e.validation:.4f}"),
-    )
+    if name == PPO:
+        if not find_spec("stable_baselines3"):
+            raise ValueError(f"{name}: needs the extra rl; pip install 'foresight_env[rl]'")
+        from evaluation.reinforcement import reinforce
+
+        found = reinforce(out / name, schedule, told)
+    else:
+        from evaluation.learning import learn
+
+        found = learn(name, folders, data, out / name, schedule, told)
     best = found.curve[found.best]
     typer.echo(f"kept: epoch {best.number}, validation {best.validation:.4f}")
     typer.echo(f"weights: {out / name / f'{name}.safetensors'}")

@@ -23,6 +23,7 @@ LABELS = {
     "particle-filter": "particle filter",
     "social-lstm": "social LSTM",
     "cloned": "cloned oracle",
+    "ppo": "PPO",
 }
 COLOURS = {
     "truth": "#000000",
@@ -41,6 +42,7 @@ COLOURS = {
     "social-lstm": "#661100",
     "transformer": "#117733",
     "cloned": "#882255",
+    "ppo": "#7F7F00",
 }
 OTHER_COLOURS = ("#DDCC77", "#CC6677", "#88CCEE", "#777777")
 

@@ -92,7 +92,7 @@ def train(
     (network, state, best), curve = checkpoint.load(blank)
     run_epoch = _epoch(loss, optimiser)
     judge = eqx.filter_jit(lambda network, data: _mean(loss, network, data))
-    while len(curve) < schedule.epochs and not _tired(curve, schedule.patience):
+    while len(curve) < schedule.epochs and not is_tired(curve, schedule.patience):
         number = len(curve)
         order = jax.random.permutation(jax.random.fold_in(key, number), count)
         order = order[: steps * batch].reshape(steps, batch)
@@ -110,7 +110,8 @@ def train(
     return Trained(best, curve, min(curve, key=lambda e: e.validation).number)
 
 
-def _tired(curve: tuple[Epoch, ...], patience: int) -> bool:
+def is_tired(curve: tuple[Epoch, ...], patience: int) -> bool:
+    """Whether the last `patience` epochs brought nothing better."""
     if not curve:
         return False
     return len(curve) - 1 - min(curve, key=lambda e: e.validation).number >= patience

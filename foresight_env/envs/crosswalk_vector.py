@@ -3,7 +3,8 @@
 The same episodes as those of `gymnasium.vector.SyncVectorEnv` around `foresight/Crosswalk-v0` with
 the same seeds, and the same arguments, but all of them move in one compiled program and all their
 games are solved in one batch. An environment whose episode has ended begins a new one in the next
-step, whose action it ignores (`AutoresetMode.NEXT_STEP`).
+step, whose action it ignores (`AutoresetMode.NEXT_STEP`), or, as learners like it, in the same step
+(`AutoresetMode.SAME_STEP`): its last observation is then in `infos["final_obs"]`.
 
 Not here: rendering, and behaviours of one's own. Wrong actions raise `ValueError` before anything
 changes.
@@ -95,6 +96,7 @@ class CrosswalkVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         ranges: Ranges = Ranges(),
         planning_horizon: int = HORIZON,
         max_steps: int = 60,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         render_mode: None = None,
     ) -> None:
         if render_mode is not None:
@@ -108,6 +110,10 @@ class CrosswalkVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
                 "gymnasium.make_vec(..., vectorization_mode='sync') for one of your own"
             )
         self.num_envs = checks.whole("num_envs", num_envs, 1)
+        mode = _autoreset_mode(autoreset_mode)
+        # Gymnasium's own vector environments keep theirs with the instance, too.
+        self.metadata = {**self.metadata, "autoreset_mode": mode}  # type: ignore[misc]
+        self._same_step = mode == AutoresetMode.SAME_STEP
         self._setting = CrosswalkSetting(
             checks.whole("players", players, 2, 6),
             checks.choice("behaviour", behaviour, ("receding", "open_loop")),
@@ -231,7 +237,21 @@ class CrosswalkVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             rewards[ended] = 0.0
             terminated[ended] = truncated[ended] = self._over[ended] = False
             self._renew(ended, {}, observations)
-        return observations, rewards, terminated, truncated, self._infos()
+        final = {}
+        if self._same_step and self._over.any():
+            ended = np.flatnonzero(self._over)
+            final = self._final(observations)
+            self._renew(ended, {}, observations)
+            self._over[:] = False
+        return observations, rewards, terminated, truncated, {**final, **self._infos()}
+
+    def _final(self, observations: Float32[np.ndarray, "B size"]) -> Infos:
+        """Of episodes that ended in this step, for `AutoresetMode.SAME_STEP`."""
+        last = np.full(self.num_envs, None, dtype=object)
+        for k in np.flatnonzero(self._over):
+            last[k] = observations[k].copy()
+        final = {"final_obs": last, "final_info": self._infos(self._over)}
+        return {**final, **{f"_{name}": self._over.copy() for name in final}}
 
     def _checked(self, actions: Any) -> Float[np.ndarray, "B 2"]:
         found = np.asarray(actions)
@@ -251,16 +271,17 @@ class CrosswalkVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             )
         return np.where(self._over[:, None], 0.0, found).astype(float)
 
-    def _infos(self) -> Infos:
-        """Of all environments, in the form of Gymnasium's vector environments."""
+    def _infos(self, there: Bool[np.ndarray, "B"] | None = None) -> Infos:
+        """Of all environments, or of some, in the form of Gymnasium's vector environments."""
         state = self._state
         assert state is not None
+        there = np.ones(self.num_envs, dtype=bool) if there is None else there
         collided, reached = state.collided[:, EGO], state.reached[:, EGO]
         oracle = self._oracle
         infos = {
             "state": state.states.copy(),
             "gamma": state.situation.gamma.copy(),
-            "theta": self._masked({name: v.copy() for name, v in self._theta.items()}),
+            "theta": _masked({name: v.copy() for name, v in self._theta.items()}, there),
             "controls": state.controls.copy(),
             "applied_action": state.controls[:, EGO].copy(),
             "min_distance": state.closest[:, EGO].copy(),
@@ -273,11 +294,25 @@ class CrosswalkVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             "solver_failures": oracle.failures.copy(),
             "time": state.steps * DT,
         }
-        return self._masked(infos)
+        return _masked(infos, there)
 
-    def _masked(self, infos: Infos) -> Infos:
-        there = np.ones(self.num_envs, dtype=bool)
-        return {**infos, **{f"_{name}": there.copy() for name in infos}}
+
+def _masked(infos: Infos, there: Bool[np.ndarray, "B"]) -> Infos:
+    """With who has what beside it; zero where an environment has nothing."""
+    for value in infos.values():
+        if isinstance(value, np.ndarray):
+            value[~there] = 0
+    return {**infos, **{f"_{name}": there.copy() for name in infos}}
+
+
+def _autoreset_mode(given: Any) -> AutoresetMode:
+    known = {m.value: m for m in (AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP)}
+    found = known.get(given.value if isinstance(given, AutoresetMode) else given)
+    if found is None:
+        raise ValueError(
+            f"autoreset_mode: is {given!r}; expected one of {', '.join(map(repr, known))}"
+        )
+    return found
 
 
 def _put(whole: np.ndarray, places: Int[np.ndarray, "b"], new: np.ndarray) -> None:

@@ -15,11 +15,12 @@ import numpy as np
 import pytest
 
 from agents.conformance import histories
-from agents.learned.cloning import Cloned, cloning_window
+from agents.learned.crosswalk_window import crosswalk_window
 from agents.learned.features import AGENTS, AHEAD, STEP, features_of, targets_of
 from agents.learned.gamma import learned_gamma
 from agents.learned.head import Futures, negative_log_likelihood
 from agents.learned.predictor import NETWORKS, LearnedPredictor, resampled
+from agents.learned.reactive import REACTIVE, ReactiveEgo
 from agents.learned.training import Schedule, train
 from agents.learned.weights import FOLDER, load_network, packed
 from agents.predictor import History
@@ -80,7 +81,7 @@ def test_other_steps_and_many_agents(name):
     np.testing.assert_array_equal(predictor.predict(fine, 8).likeliest[:4], coarse)
 
 
-@pytest.mark.parametrize("name", [*NETWORKS, "gamma", "cloned"])
+@pytest.mark.parametrize("name", [*NETWORKS, "gamma", *REACTIVE])
 def test_shipped_weights_are_small_and_say_what_they_are(name):
     path = FOLDER / f"{name}.safetensors"
     assert path.stat().st_size < MOST_BYTES
@@ -261,13 +262,13 @@ def test_the_cloned_ego_knows_where_it_may_be():
     env = parallel_env(players=3)
     env.reset(seed=0)
     with pytest.raises(ValueError, match="expected the crosswalk with players=2"):
-        Cloned().init(env.scene, "pedestrian_0")
+        ReactiveEgo("cloned").init(env.scene, "pedestrian_0")
     env = parallel_env()
     env.reset(seed=0)
-    memory = Cloned().init(env.scene, "pedestrian_0")
+    memory = ReactiveEgo("cloned").init(env.scene, "pedestrian_0")
     with pytest.raises(ValueError, match="call update before act"):
-        Cloned().act(memory)
-    window = cloning_window(np.arange(20.0).reshape(2, 10))
+        ReactiveEgo("cloned").act(memory)
+    window = crosswalk_window(np.arange(20.0).reshape(2, 10))
     np.testing.assert_array_equal(window[0], window[2])
     np.testing.assert_array_equal(window[3, :2], 0.0)
     np.testing.assert_array_equal(window[3, 2:4], [12.0, 13.0])

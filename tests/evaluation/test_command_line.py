@@ -12,7 +12,7 @@ from evaluation import command_line, options
 from evaluation.command_line import app
 from evaluation.generation import FIRST_SEED
 from evaluation.learning import TRAINABLE
-from evaluation.learning_commands import SPLITS, TRAINABLE_NAMES
+from evaluation.learning_commands import PPO, SPLITS, TRAINABLE_NAMES
 from evaluation.options import (
     ALL_EGO_NAMES,
     CROSSWALK_EGO_NAMES,
@@ -78,7 +78,7 @@ def test_help_of_everything():
     assert tuple(DRIVING_EGOS) == DRIVING_EGO_NAMES
     assert tuple(CROSSWALK_EGOS) == CROSSWALK_EGO_NAMES
     assert set(ALL_EGO_NAMES) == {*DRIVING_EGOS, *CROSSWALK_EGOS}
-    assert set(TRAINABLE_NAMES) == set(TRAINABLE)
+    assert set(TRAINABLE_NAMES) == {*TRAINABLE, PPO}
     assert set(SPLITS) == set(FIRST_SEED)
     assert tuple(PREDICTORS) == PREDICTOR_NAMES
     assert [scene.value for scene in Scene] == list(SCENES)

@@ -1,0 +1,84 @@
+"""Networks as egos: they drive one of two pedestrians at the crosswalk, and plan nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import numpy as np
+from jaxtyping import Float
+
+from agents.learned.cloning import CloningNetwork
+from agents.learned.crosswalk_window import WINDOW, crosswalk_window
+from agents.learned.policy_network import PolicyNetwork
+from agents.learned.weights import FOLDER, load_network
+from agents.policy import Decision
+from foresight_env.envs.scene import Scene
+from foresight_env.scenarios.crosswalk import CONTROL_LIMIT
+
+REACTIVE: dict[str, Any] = {"cloned": CloningNetwork, "ppo": PolicyNetwork}
+"""Networks by the name of their ego."""
+
+
+class ReactiveMemory(NamedTuple):
+    """The latest observations."""
+
+    observations: tuple[Float[np.ndarray, "10"], ...] = ()
+
+
+@lru_cache(maxsize=8)
+def _loaded(path: Path) -> Any:
+    def make(told: dict[str, Any]) -> Any:
+        return REACTIVE[told["network"]](key=jax.random.key(0))
+
+    return load_network(path, make)[0]
+
+
+@eqx.filter_jit
+def _said(network: Any, seen: Any) -> Any:
+    return network(seen)
+
+
+@dataclass(frozen=True)
+class ReactiveEgo:
+    """A network of this library, with shipped weights or with one's own."""
+
+    name: str
+    """One of `REACTIVE`."""
+    weights: str = ""
+    """A .safetensors file that `foresight train` has written; empty: the shipped one."""
+
+    def init(self, scene: Scene, agent: str | int) -> ReactiveMemory:
+        """See `EgoPolicy`; `ValueError` where it has learned nothing of the scene."""
+        scene.index(agent)
+        crosswalk = all(name.startswith("pedestrian") for name in scene.names)
+        if not (crosswalk and scene.players == 2 and scene.observation == "full"):
+            raise ValueError(
+                f"ego: {self.name} drives one of two pedestrians who see full states; expected the "
+                f"crosswalk with players=2 and observation='full', not {', '.join(scene.names)}"
+            )
+        return ReactiveMemory()
+
+    def update(
+        self,
+        memory: ReactiveMemory,
+        observation: Float[np.ndarray, "size"],
+        info: Mapping[str, Any],
+    ) -> ReactiveMemory:
+        """See `EgoPolicy`."""
+        seen = np.asarray(observation, dtype=float)
+        return ReactiveMemory((*memory.observations, seen)[-WINDOW:])
+
+    def act(self, memory: ReactiveMemory) -> tuple[Decision, ReactiveMemory]:
+        """See `EgoPolicy`."""
+        if not memory.observations:
+            raise ValueError("memory: holds no observation yet; call update before act")
+        path = Path(self.weights) if self.weights else FOLDER / f"{self.name}.safetensors"
+        seen = crosswalk_window(np.stack(memory.observations))
+        action = np.asarray(_said(_loaded(path), seen))
+        return Decision(np.clip(action, -CONTROL_LIMIT, CONTROL_LIMIT).astype(np.float32)), memory
