@@ -61,6 +61,7 @@ def train(
         int, typer.Option(min=1, help="Examples per step (of ppo: steps per update).")
     ] = 64,
     rate: Annotated[float, typer.Option(min=0.0, help="Learning rate at the start.")] = 2e-3,
+    decay: Annotated[float, typer.Option(min=0.0, help="Of weights (AdamW).")] = 0.1,
     patience: Annotated[
         int, typer.Option(min=1, help="Epochs without a better validation that end it.")
     ] = 15,
@@ -80,7 +81,7 @@ def train(
         typer.echo(f"epoch {epoch.number}: {epoch.train:.4f}, validation {epoch.validation:.4f}")
 
     folders = [Path(part.strip()) for part in episodes.split(",") if part.strip()]
-    schedule = Schedule(epochs, batch, rate, patience=patience, seed=seed)
+    schedule = Schedule(epochs, batch, rate, decay, patience, seed)
     if name == PPO:
         if not find_spec("stable_baselines3"):
             raise ValueError(f"{name}: needs the extra rl; pip install 'foresight_env[rl]'")
