@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from agents.learned.training import Epoch, Trained
 from agents.learned.weights import packed
@@ -52,6 +53,7 @@ def _curve(curve: Sequence[Epoch], folder: Path) -> None:
     best = min(curve, key=lambda e: e.validation)
     axes.axvline(best.number, color="0.5", ls=":", label="kept")
     axes.set_xlabel("epoch")
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set_ylabel("loss")
     axes.legend()
     save(figure, folder / "curve.png")
