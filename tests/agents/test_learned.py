@@ -87,7 +87,7 @@ def test_shipped_weights_are_small_and_say_what_they_are(name):
     assert path.stat().st_size < MOST_BYTES
     told = json.loads(path.with_suffix(".json").read_text())
     assert told["network"] == name
-    assert told["examples"] > 1000
+    assert told["steps" if name == "ppo" else "examples"] > 1000  # PPO tries, the others are shown
 
 
 def test_features_of_a_gap_and_targets_by_hand():
