@@ -20,7 +20,7 @@ from foresight_env.scenarios.encounter import is_vehicle
 SUBSTEP = 0.1
 """Longest time step of the integration, s."""
 SIGHT = 60.0
-"""How far ahead a leader is looked for, m."""
+"""How far ahead of where it will be a leader is looked for, m."""
 SPACING = 0.25
 """Between the points of a lane at which leaders are looked for, m."""
 BESIDE = 0.3
@@ -56,12 +56,16 @@ class IdmPredictor:
         dt = history.dt / parts
         places, wanted = wanted_velocities(history, steps * parts + 1, dt)
         velocities = wanted[0].copy()
-        lanes = [
-            _lane(places[i], velocities[i], recent_turn(history, i)) if driving[i] else None
-            for i in range(count)
-        ]
         speeds = np.linalg.norm(velocities, axis=1)
         targets = np.linalg.norm(wanted[0], axis=1)
+        # Nobody gets faster than it is.
+        lengths = SIGHT + history.dt * steps * speeds
+        lanes = [
+            _lane(places[i], velocities[i], recent_turn(history, i), float(lengths[i]))
+            if driving[i]
+            else None
+            for i in range(count)
+        ]
         travelled = np.zeros(count)
         found = []
         for k in range(steps * parts):
@@ -95,14 +99,14 @@ class IdmPredictor:
 
 
 def _lane(
-    place: Float[np.ndarray, "2"], velocity: Float[np.ndarray, "2"], turn: float
+    place: Float[np.ndarray, "2"], velocity: Float[np.ndarray, "2"], turn: float, length: float
 ) -> Float[np.ndarray, "L 2"]:
-    """Points `SPACING` apart on the circle that a vehicle is on."""
+    """Points `SPACING` apart on the circle that a vehicle is on, for `length` metres."""
     speed = float(np.hypot(*velocity))
     direction = velocity / speed if speed > 0.0 else np.array([1.0, 0.0])
     curvature = turn / speed if speed > STANDING else 0.0
     # At 1 m/s, seconds are metres.
-    return place + arc(direction, curvature, SPACING * np.arange(round(SIGHT / SPACING) + 1))
+    return place + arc(direction, curvature, SPACING * np.arange(round(length / SPACING) + 1))
 
 
 def _on(
