@@ -13,12 +13,13 @@ from evaluation.benchmark_results import Part, closed_part, common, open_part, w
 from evaluation.benchmark_study import Plan, closed_study, open_study
 from evaluation.places import is_driving
 from evaluation.store import Row
+from evaluation.workers import Workers
 
 OTHERS = {"receding": "game agents", "idm": "IDM/MOBIL cars", "open_loop": "open-loop game agents"}
 
 
 def benchmark(
-    plan: Plan, data: Path | None, split: str, workers: int | None, out: Path
+    plan: Plan, data: Path | None, split: str, workers: Workers, out: Path
 ) -> tuple[Part, ...]:
     """Run what `out` does not have yet; tables, `benchmark.csv` and `benchmark.html` there.
 

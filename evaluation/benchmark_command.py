@@ -11,12 +11,14 @@ from evaluation.options import (
     ALL_EGO_NAMES,
     PREDICTOR_NAMES,
     Behaviour,
+    ClusterOption,
     OutOption,
     Scenario,
     Scene,
     Split,
     WorkersOption,
     chosen_agents,
+    chosen_workers,
     listed,
     plain_errors,
 )
@@ -57,6 +59,7 @@ def benchmark(
     ] = "all",
     episodes: Annotated[int, typer.Option(min=1, help="Seeds per scenario.")] = 10,
     workers: WorkersOption = None,
+    cluster: ClusterOption = None,
     out: OutOption = Path("results/benchmark"),
 ) -> None:
     """Predictors and egos at every place, open loop and closed loop: tables, a CSV and a page.
@@ -78,7 +81,7 @@ def benchmark(
         raise ValueError("--scenarios, --data: are both empty; there is nothing to run")
     if not (plan.predictors or plan.egos):
         raise ValueError("--predictors, --egos: are both empty; there is nothing to run")
-    run(plan, data, split.value, workers, out)
+    run(plan, data, split.value, chosen_workers(workers, cluster), out)
 
 
 def _names(option: str, text: str, known: tuple[str, ...]) -> tuple[str, ...]:

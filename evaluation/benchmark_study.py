@@ -18,8 +18,9 @@ from evaluation.places import is_driving, setting_of
 from evaluation.prediction import judged, warm_up
 from evaluation.provenance import fingerprint
 from evaluation.simulated_windows import BETWEEN, PREDICTED_STEPS, simulated_windows
-from evaluation.store import Row, Store
-from evaluation.trials import Trial, run_trials
+from evaluation.store import Row, Store, Trial
+from evaluation.trials import run_trials
+from evaluation.workers import Workers
 
 SCHEMA = 1
 """Counted up when rows get other columns or mean something else: older folders are refused."""
@@ -123,7 +124,7 @@ def _prediction_error(steps: Sequence[Step], dt: float) -> float | None:
     return float(np.mean(errors)) if errors else None
 
 
-def open_study(folder: Path, plan: Plan, *, workers: int | None = None) -> list[Row]:
+def open_study(folder: Path, plan: Plan, *, workers: Workers = None) -> list[Row]:
     """Predictors on simulated episodes; a row per episode and predictor, kept in `folder`."""
     settings = {name: fingerprint(make_predictor(name)) for name in plan.predictors}
     rule = {"schema": SCHEMA, "between": BETWEEN, "predicted": PREDICTED_STEPS}
@@ -137,7 +138,7 @@ def open_study(folder: Path, plan: Plan, *, workers: int | None = None) -> list[
     return run_trials(run_windows, trials, store, workers=workers, label="open loop")
 
 
-def closed_study(folder: Path, plan: Plan, *, workers: int | None = None) -> list[Row]:
+def closed_study(folder: Path, plan: Plan, *, workers: Workers = None) -> list[Row]:
     """Egos in episodes with the same seeds; a row per episode and ego, kept in `folder`."""
     settings = {name: fingerprint(make_ego(name)) for name in plan.egos}
     store = Store(folder, "benchmark, closed loop", {"schema": SCHEMA}, CLOSED_KEY)

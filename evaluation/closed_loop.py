@@ -22,6 +22,7 @@ from evaluation.provenance import fingerprint
 from evaluation.statistics import Interval, mean_interval
 from evaluation.store import Row, Store
 from evaluation.trials import run_trials
+from evaluation.workers import Workers
 from foresight_env.envs.crosswalk_v0 import parallel_env
 
 EGO_GAMMA = 0.95
@@ -141,7 +142,7 @@ def study(
     seeds: range,
     setting: ClosedLoop = ClosedLoop(),
     *,
-    workers: int | None = None,
+    workers: Workers = None,
     fresh: bool = False,
 ) -> list[Row]:
     """Run the study in `folder`, where every ego meets every seed.

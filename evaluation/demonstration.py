@@ -49,6 +49,7 @@ from evaluation.tables import (
     print_estimation,
     told_gamma,
 )
+from evaluation.workers import Workers
 from foresight_env.inverse import Profile
 
 TRIAL_STD = 0.05
@@ -116,7 +117,7 @@ def evaluate_crosswalk(
     players: int,
     observation: str,
     noise_std: float,
-    workers: int | None,
+    workers: Workers,
     out: Path,
 ) -> None:
     """`foresight evaluate crosswalk`."""
@@ -152,7 +153,7 @@ def evaluate_driving(
     others: tuple[str, ...],
     egos: tuple[str, ...],
     setting: DrivingSetting,
-    workers: int | None,
+    workers: Workers,
     out: Path,
 ) -> None:
     """`foresight evaluate driving`."""
@@ -183,7 +184,7 @@ def evaluate_intersection(
     sequences: int,
     parameters: str,
     at: int,
-    workers: int | None,
+    workers: Workers,
     out: Path,
 ) -> None:
     """`foresight evaluate intersection`; without a choice, on a recording of the project's own."""
@@ -226,7 +227,7 @@ def evaluate_prediction(
     data: Path | None,
     predictors: Sequence[str],
     split: str,
-    workers: int | None,
+    workers: Workers,
     out: Path,
 ) -> None:
     """`foresight evaluate prediction`; without data, on a recording of the project's own."""
@@ -269,7 +270,7 @@ def estimate_recorded(
         _tell(console, recorded_encounter(encounter, forecasts, path))
 
 
-def demonstrate(data: Path | None, workers: int | None, out: Path) -> None:
+def demonstrate(data: Path | None, workers: Workers, out: Path) -> None:
     """`foresight demo`."""
     console = Console()
     if data is not None:

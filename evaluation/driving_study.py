@@ -22,6 +22,7 @@ from evaluation.run_setting import RunSetting
 from evaluation.statistics import Interval, mean_interval
 from evaluation.store import Row, Store
 from evaluation.trials import run_trials
+from evaluation.workers import Workers
 
 KEY = ("scene", "others", "ego", "settings", "seed")
 SCHEMA = 2
@@ -95,7 +96,7 @@ def study(
     seeds: range,
     setting: DrivingSetting = DrivingSetting(),
     *,
-    workers: int | None = None,
+    workers: Workers = None,
 ) -> list[Row]:
     """Run the study in `folder`, where in every scene every ego meets every seed.
 

@@ -18,6 +18,7 @@ from jaxtyping import Bool, Float
 from evaluation.metrics import trajectory_error
 from evaluation.store import Row, Store
 from evaluation.trials import run_trials
+from evaluation.workers import Workers
 from foresight_env.equilibrium import Solution, Status, solve
 from foresight_env.games import ObservationModel, full_state, positions
 from foresight_env.inverse import (
@@ -148,7 +149,7 @@ def study(
     observations: Sequence[str] = OBSERVATIONS,
     proximity: Proximity = "soft",
     starts: int = 8,
-    workers: int | None = None,
+    workers: Workers = None,
     fresh: bool = False,
 ) -> list[Row]:
     """Run the study in `folder`: noise levels x sequences x observation models x methods.

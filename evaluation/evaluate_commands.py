@@ -15,6 +15,7 @@ from evaluation.options import (
     EGO_NAMES,
     PREDICTOR_NAMES,
     Behaviour,
+    ClusterOption,
     NoiseOption,
     Observed,
     OutOption,
@@ -24,6 +25,7 @@ from evaluation.options import (
     WorkersOption,
     check_noise,
     chosen_agents,
+    chosen_workers,
     listed,
     plain_errors,
 )
@@ -56,6 +58,7 @@ def evaluate_crosswalk(
     ] = Observed.FULL,
     noise_std: NoiseOption = 0.05,
     workers: WorkersOption = None,
+    cluster: ClusterOption = None,
     out: OutOption = Path("results/evaluate"),
 ) -> None:
     """Compare egos in the closed loop, and estimation errors over noise; tables and figures.
@@ -77,7 +80,7 @@ def evaluate_crosswalk(
         players,
         observation.value,
         noise_std,
-        workers,
+        chosen_workers(workers, cluster),
         out,
     )
 
@@ -100,6 +103,7 @@ def evaluate_driving(
     observation: Annotated[Observed, typer.Option(help="What the egos see.")] = Observed.FULL,
     noise_std: NoiseOption = 0.1,
     workers: WorkersOption = None,
+    cluster: ClusterOption = None,
     out: OutOption = Path("results/driving"),
 ) -> None:
     """Egos that turn, merge, change lanes and go round among other cars; tables and figures.
@@ -118,7 +122,9 @@ def evaluate_driving(
     from evaluation.driving_study import DrivingSetting
 
     setting = DrivingSetting(cars, noise_std, observation.value)
-    demonstration.evaluate_driving(episodes, *chosen, setting, workers, out)
+    demonstration.evaluate_driving(
+        episodes, *chosen, setting, chosen_workers(workers, cluster), out
+    )
 
 
 class Place(StrEnum):
@@ -179,6 +185,7 @@ def evaluate_intersection(
     sequences: Annotated[int, typer.Option(min=1, help="Noisy sequences per level.")] = 10,
     at: Annotated[int, typer.Option(help="Steps that the prediction's picture has seen.")] = 15,
     workers: WorkersOption = None,
+    cluster: ClusterOption = None,
     out: OutOption = Path("results/intersection"),
 ) -> None:
     """Recorded people and cars: estimation error over noise, and a prediction (paper, VI-B)."""
@@ -195,7 +202,7 @@ def evaluate_intersection(
         span = None if frames is None else _frames(frames)
         choice = Choice(str(data), names, span, every, recording, place.value)
     demonstration.evaluate_intersection(
-        choice, levels, sequences, parameters.value, at, workers, out
+        choice, levels, sequences, parameters.value, at, chosen_workers(workers, cluster), out
     )
 
 
@@ -222,10 +229,13 @@ def evaluate_prediction(
         ),
     ] = Split.ALL,
     workers: WorkersOption = None,
+    cluster: ClusterOption = None,
     out: OutOption = Path("results/prediction"),
 ) -> None:
     """Predict recorded agents who interact: errors over 1 to 4 s, misses, overlaps, latency."""
     names = chosen_agents("--predictors", predictors, PREDICTOR_NAMES)
     from evaluation import demonstration
 
-    demonstration.evaluate_prediction(data, names, split.value, workers, out)
+    demonstration.evaluate_prediction(
+        data, names, split.value, chosen_workers(workers, cluster), out
+    )

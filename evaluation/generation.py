@@ -10,8 +10,9 @@ import numpy as np
 from evaluation.benchmark_study import OPEN_SEEDS
 from evaluation.closed_loop import episode
 from evaluation.places import setting_of
-from evaluation.store import Row, Store
-from evaluation.trials import Trial, run_trials
+from evaluation.store import Row, Store, Trial
+from evaluation.trials import run_trials
+from evaluation.workers import Workers
 
 SCHEMA = 1
 """Counted up when rows get other columns or mean something else: older folders are refused."""
@@ -53,7 +54,7 @@ def run_episode(place: str, seed: int) -> Row:
 
 
 def generate(
-    folder: str | Path, places: Sequence[str], episodes: int, split: str, workers: int | None = None
+    folder: str | Path, places: Sequence[str], episodes: int, split: str, workers: Workers = None
 ) -> list[Row]:
     """So many episodes of every place in `folder`; those that it has already are kept."""
     if split not in FIRST_SEED:

@@ -20,6 +20,7 @@ from evaluation.intersection_window import Case, Choice, difference, fitted_game
 from evaluation.metrics import displacement
 from evaluation.store import Row, Store
 from evaluation.trials import run_trials
+from evaluation.workers import Workers
 from foresight_env.equilibrium import Status
 from foresight_env.games import ObservationModel, full_state, positions
 from foresight_env.inverse import (
@@ -189,7 +190,7 @@ def study(
     *,
     parameters: str = "goals",
     observations: Sequence[str] = OBSERVATIONS,
-    workers: int | None = None,
+    workers: Workers = None,
 ) -> list[Row]:
     """Run the study in `folder`: noise levels x sequences x observation models x methods.
 

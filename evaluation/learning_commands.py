@@ -9,7 +9,14 @@ from typing import Annotated
 import typer
 
 from evaluation.benchmark_command import PLACE_NAMES
-from evaluation.options import OutOption, WorkersOption, listed, plain_errors
+from evaluation.options import (
+    ClusterOption,
+    OutOption,
+    WorkersOption,
+    chosen_workers,
+    listed,
+    plain_errors,
+)
 
 SPLITS = ("train", "validation", "test")
 FORECASTERS = ("social-lstm", "transformer")
@@ -28,6 +35,7 @@ def generate(
         str, typer.Option(help="train, validation or test: each has seeds of its own.")
     ] = "train",
     workers: WorkersOption = None,
+    cluster: ClusterOption = None,
     out: OutOption = Path("results/episodes"),
 ) -> None:
     """Make a data set of episodes: states, observations, controls, goals, discount factors.
@@ -39,7 +47,7 @@ def generate(
         raise ValueError(f"--split: is {split!r}; choose from {', '.join(SPLITS)}")
     from evaluation.generation import generate as run
 
-    rows = run(out / split, places, episodes, split, workers)
+    rows = run(out / split, places, episodes, split, chosen_workers(workers, cluster))
     broken = [row for row in rows if row["error"]]
     typer.echo(f"episodes: {len(rows) - len(broken)} in {out / split}")
     for row in broken[:3]:

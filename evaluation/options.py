@@ -146,6 +146,21 @@ WorkersOption = Annotated[
     int | None,
     typer.Option(min=0, help="Processes; 0 runs in this one, default one per core."),
 ]
+ClusterOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="ADDRESS", help="Run on a Dask cluster: its scheduler, as tcp://host:8786."
+    ),
+]
+
+
+def chosen_workers(workers: int | None, cluster: str | None) -> int | str | None:
+    """What `--workers` and `--cluster` mean together (`evaluation.workers.Workers`)."""
+    if cluster is None:
+        return workers
+    if workers is not None:
+        raise ValueError("--workers: counts processes of this machine; leave it out with --cluster")
+    return cluster
 
 
 PREDICTOR_NAMES = (

@@ -31,8 +31,9 @@ from evaluation.prediction_window import (
     split_of,
 )
 from evaluation.provenance import fingerprint
-from evaluation.store import Row, Store
-from evaluation.trials import Trial, run_trials
+from evaluation.store import Row, Store, Trial
+from evaluation.trials import run_trials
+from evaluation.workers import Workers
 from foresight_env.datasets import Recording, open_recording, recordings_below
 from foresight_env.envs.footprints import Footprint, Motion, least_gap
 from foresight_env.scenarios.encounter import is_vehicle
@@ -178,7 +179,7 @@ def study(
     predictors: Sequence[str],
     *,
     split: str = "all",
-    workers: int | None = None,
+    workers: Workers = None,
     fresh: bool = False,
 ) -> list[Row]:
     """Run the study in `folder` on every recording below `data` and return its rows.

@@ -19,7 +19,10 @@ import pyarrow.parquet as pq
 
 from foresight_env import __version__
 
+Trial = dict[str, Any]
+"""Arguments of one trial; holds at least the store's key columns."""
 Row = dict[str, Any]
+"""Result of one trial: the key columns, its values, and `error` where it broke."""
 
 
 class StoreError(ValueError):

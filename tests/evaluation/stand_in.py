@@ -1,4 +1,5 @@
-"""A small study whose trials cost nothing: `python -m ... FOLDER WORKERS SECONDS`."""
+"""A small study whose trials cost nothing: `python ... FOLDER WORKERS SECONDS`, WORKERS a number or
+a Dask scheduler."""
 
 import signal
 import sys
@@ -33,4 +34,7 @@ def study(folder, workers=0, seconds=0.0, seeds=SEEDS):
 if __name__ == "__main__":
     # What starts it may ignore interrupts (a shell does for its background jobs).
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    study(sys.argv[1], int(sys.argv[2]), float(sys.argv[3]))
+    import stand_in  # as other processes know it: there `__main__` is something else
+
+    workers = int(sys.argv[2]) if sys.argv[2].isdigit() else sys.argv[2]
+    stand_in.study(sys.argv[1], workers, float(sys.argv[3]))

@@ -14,8 +14,9 @@ import stand_in
 
 import evaluation.store as store_module
 from evaluation import closed_loop, estimation
+from evaluation.attempt import Attempt
 from evaluation.store import Store, StoreError, write_atomically
-from evaluation.trials import attempt, run_trials
+from evaluation.trials import run_trials
 
 ROWS = stand_in.SEEDS * len(stand_in.EGOS)
 
@@ -171,7 +172,7 @@ def test_a_failing_trial_is_a_row(tmp_path):
         assert row["error"].startswith(f"ArithmeticError: no luck with {row['seed']} (stand_in.py:")
         assert row["value"] is None
     assert all(r["value"] is not None for r in rows if not r["error"])
-    alone = attempt(stand_in.trial, {"ego": "a", "seed": 5, "seconds": 0.0}, ("seed",))
+    alone = Attempt(stand_in.trial, ("seed",))({"ego": "a", "seed": 5, "seconds": 0.0})
     assert alone.keys() == {"seed", "error"}
 
 
