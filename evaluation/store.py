@@ -65,7 +65,8 @@ class Store:
                         "choose another folder or delete this one"
                     )
             else:
-                if any(self.folder.iterdir()):
+                # A kill may have left a hidden file of `write_atomically`.
+                if any(not path.name.startswith(".") for path in self.folder.iterdir()):
                     raise StoreError(
                         f"{self.folder}: is not empty and has no manifest.json; choose another "
                         "folder"

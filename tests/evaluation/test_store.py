@@ -98,6 +98,11 @@ def test_a_folder_of_something_else_is_refused(tmp_path):
     assert names(tmp_path) == ["thesis.txt"]
 
 
+def test_a_kill_before_the_manifest_is_no_obstacle(tmp_path):
+    (tmp_path / ".manifest.json.x1y2").write_text("{")
+    assert Store(tmp_path, "s", {}, ("seed",)).rows() == []
+
+
 def test_a_file_in_the_place_of_the_folder(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(StoreError, match="cannot be written"):
@@ -197,14 +202,14 @@ def test_killed_at_random_moments_and_run_again(tmp_path):
     chance = random.Random(0)
     script = [sys.executable, str(Path(stand_in.__file__)), str(folder)]
     seen = set()
-    for _ in range(4):
+    for _ in range(10):
         process = subprocess.Popen(
-            [*script, "0", "0.02"], stdout=subprocess.DEVNULL, start_new_session=True
+            [*script, "0", "0.05"], stdout=subprocess.DEVNULL, start_new_session=True
         )
         # From the moment that it has begun, not from that of importing.
         while not folder.exists() and process.poll() is None:
             time.sleep(0.005)
-        time.sleep(chance.uniform(0.0, 0.35))
+        time.sleep(chance.uniform(0.0, 0.2))
         os.killpg(process.pid, signal.SIGKILL)
         process.wait()
         if (folder / "manifest.json").exists():
