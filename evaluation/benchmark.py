@@ -12,6 +12,7 @@ from evaluation.benchmark_page import print_parts, write_page
 from evaluation.benchmark_results import Part, closed_part, common, open_part, write_csv
 from evaluation.benchmark_study import Plan, closed_study, open_study
 from evaluation.places import is_driving
+from evaluation.recorded_windows import WINDOW
 from evaluation.store import Row
 from evaluation.workers import Workers
 
@@ -34,9 +35,9 @@ def benchmark(
     simulated = open_study(out / "open_loop", plan, workers=workers) if plan.predictors else []
     driven = closed_study(out / "closed_loop", plan, workers=workers) if plan.egos else []
     parts = (
-        *_recorded(recorded, plan.predictors),
-        *_simulated(simulated, plan),
-        *_driven(driven, plan),
+        *recorded_parts(recorded, plan.predictors),
+        *simulated_parts(simulated, plan),
+        *driven_parts(driven, plan),
     )
     print_parts(console, parts)
     console.print(f"table: {write_csv(parts, out / 'benchmark.csv')}", soft_wrap=True, markup=False)
@@ -48,7 +49,7 @@ def benchmark(
 Keyed = dict[Hashable, tuple[Hashable, Row]]
 
 
-def _recorded(rows: Sequence[Row], predictors: Sequence[str]) -> list[Part]:
+def recorded_parts(rows: Sequence[Row], predictors: Sequence[str]) -> list[Part]:
     """A part per data set and split."""
     found = []
     for source, split in sorted({(r["source"], r["split"]) for r in rows}):
@@ -66,7 +67,7 @@ def _recorded(rows: Sequence[Row], predictors: Sequence[str]) -> list[Part]:
                 "seconds": [row["seconds"]],
                 "failed": int(row["fallback"]),
             }
-            methods[row["predictor"]][tuple(row[k] for k in prediction.WINDOW)] = row["group"], case
+            methods[row["predictor"]][tuple(row[k] for k in WINDOW)] = row["group"], case
         found.append(open_part(f"{source.upper()}, {split}", common(methods), broken))
     return found
 
@@ -74,7 +75,7 @@ def _recorded(rows: Sequence[Row], predictors: Sequence[str]) -> list[Part]:
 PER_WINDOW = ("average_error", "final_error", "missed", "best_average_error", "surprise")
 
 
-def _simulated(rows: Sequence[Row], plan: Plan) -> list[Part]:
+def simulated_parts(rows: Sequence[Row], plan: Plan) -> list[Part]:
     """A part per environment; an episode's windows depend on each other."""
     found = []
     for place in plan.places if rows else ():
@@ -95,7 +96,7 @@ def _simulated(rows: Sequence[Row], plan: Plan) -> list[Part]:
     return found
 
 
-def _driven(rows: Sequence[Row], plan: Plan) -> list[Part]:
+def driven_parts(rows: Sequence[Row], plan: Plan) -> list[Part]:
     """A part per environment and kind of others."""
     found = []
     for place, others in plan.pairs() if rows else ():

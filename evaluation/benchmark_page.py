@@ -64,12 +64,12 @@ ON_TERMINAL = ("ADE", "NLL", "collided", "time to goal", "1 s ahead")
 """What there is room for in 80 columns; the page and the CSV have the rest."""
 
 
-def print_parts(console: Console, parts: Sequence[Part]) -> None:
-    """One table per part, best first."""
+def print_parts(console: Console, parts: Sequence[Part], *, everything: bool = False) -> None:
+    """One table per part, best first; with `everything`, of all metrics."""
     for part in parts:
         table = Table(title=f"{part.loop}: {title(part)}")
         table.add_column("method")
-        shown = [m for m in part.metrics if m.name in ON_TERMINAL]
+        shown = [m for m in part.metrics if m.name in ON_TERMINAL or everything]
         ranked = [m for m in part.metrics if m.ranked][-1]
         table.add_column("rank", justify="right")
         for metric in shown:

@@ -1,4 +1,4 @@
-"""The command `foresight`: run, evaluate, benchmark, generate, train, estimate, demo."""
+"""The command `foresight`: run, evaluate, benchmark, report, generate, train, estimate, demo."""
 
 from __future__ import annotations
 
@@ -111,6 +111,23 @@ def estimate(
 
     agents = None if ids is None else tuple(part.strip() for part in ids.split(","))
     estimate_recorded(file, agents, count or None, recording, pictures, out)
+
+
+@app.command()
+@plain_errors
+def report(
+    folder: Annotated[Path, typer.Argument(help="A folder of results, of one study or several.")],
+    episodes: Annotated[
+        int, typer.Option(min=0, help="Per study, to be run again and stepped through.")
+    ] = 4,
+) -> None:
+    """One page from a folder of results: tables, figures, failures, and episodes to step through.
+
+    FOLDER/report.html needs no network; FOLDER/figures has every figure as PNG and PDF.
+    """
+    from evaluation.report import write_report
+
+    typer.echo(f"page: {write_report(folder, episodes)}")
 
 
 @app.command()

@@ -12,6 +12,8 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.text import Text
 
 from evaluation.estimation import LEAST_STD, bound, truth
 from evaluation.heatmap import Heatmap
@@ -29,14 +31,32 @@ LEAST_SPAN = 4.0
 """Least width and height of an encounter's picture, m: narrower, nobody sees what it is."""
 
 
+PAPER_WIDTH = 7.16
+"""Inches across both columns of a paper in IEEE's format."""
+
+
 def save(figure: Figure, path: Path) -> Path:
-    """Write a PNG at 150 dots per inch."""
+    """Write a PNG at 150 dots per inch or, where the path ends so, a PDF for a paper."""
     FigureCanvasAgg(figure)
     buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=150)
+    if path.suffix == ".pdf":
+        _shrink(figure, PAPER_WIDTH / figure.get_figwidth())
+        figure.savefig(buffer, format="pdf", metadata={"CreationDate": None})
+    else:
+        figure.savefig(buffer, format="png", dpi=150)
     path.parent.mkdir(parents=True, exist_ok=True)
     write_atomically(path, buffer.getvalue())
     return path
+
+
+def _shrink(figure: Figure, factor: float) -> None:
+    """Another size of the same picture: letters and lines along with the whole."""
+    figure.set_size_inches(*(factor * figure.get_size_inches()))
+    for text in figure.findobj(Text):
+        text.set_fontsize(factor * float(text.get_fontsize()))
+    for line in figure.findobj(Line2D):
+        line.set_linewidth(factor * float(line.get_linewidth()))
+        line.set_markersize(factor * float(line.get_markersize()))
 
 
 def _metres(axes: Axes) -> None:

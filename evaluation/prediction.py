@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from functools import lru_cache
 from itertools import combinations
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -31,6 +30,7 @@ from evaluation.prediction_window import (
     split_of,
 )
 from evaluation.provenance import fingerprint
+from evaluation.recorded_windows import WINDOW, with_windows, write_windows
 from evaluation.store import Row, Store, Trial
 from evaluation.trials import run_trials
 from evaluation.workers import Workers
@@ -39,8 +39,6 @@ from foresight_env.envs.footprints import Footprint, Motion, least_gap
 from foresight_env.scenarios.encounter import is_vehicle
 from foresight_env.scenarios.junction import CAR_LENGTH, CAR_WIDTH, PEDESTRIAN_RADIUS
 
-WINDOW = ("recording", "content", "frame", "agents")
-"""Columns that identify a window; `content` is the recording's digest."""
 KEY = (*WINDOW, "predictor", "settings")
 SECONDS = (1.0, 2.0, 3.0, 4.0)
 """Times at which errors are told."""
@@ -207,7 +205,7 @@ def study(
     rule = {name: getattr(prediction_window, name) for name in RULE} | {"schema": SCHEMA}
     store = Store(folder, "prediction", rule, KEY, fresh=fresh)
     trials: list[Trial] = []
-    about: dict[tuple[Any, ...], Row] = {}
+    windows: list[Row] = []
     groups = connected([w for w, *_ in found])
     for (window, source, content, place), group in zip(found, groups, strict=True):
         identity = {
@@ -216,19 +214,23 @@ def study(
             "frame": window.frame,
             "agents": ",".join(window.agents),
         }
-        about[tuple(identity.values())] = {
-            "source": source,
-            "split": split_of(window.recording),
-            "kinds": window.history.kinds,
-            "observed": window.seen_steps,
-            "group": group,
-        }
+        windows.append(
+            {
+                **identity,
+                "source": source,
+                "split": split_of(window.recording),
+                "kinds": list(window.history.kinds),
+                "observed": window.seen_steps,
+                "group": group,
+            }
+        )
         trials += [
             {**identity, "predictor": name, "settings": settings[name], "place": place}
             for name in predictors
         ]
+    write_windows(store.folder, windows)
     rows = run_trials(run_window, trials, store, workers=workers, label="windows", chunk=32)
-    return [{**row, **about[tuple(row[k] for k in WINDOW)]} for row in rows]
+    return with_windows(store.folder, rows)
 
 
 def _digest(recording: Recording) -> str:

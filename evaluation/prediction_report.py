@@ -14,8 +14,9 @@ from rich.table import Table
 
 from evaluation.figures import save
 from evaluation.naming import colour_of, label_of
-from evaluation.prediction import SECONDS, WINDOW
+from evaluation.prediction import SECONDS
 from evaluation.ranks import LEAST_GROUPS
+from evaluation.recorded_windows import WINDOW
 from evaluation.statistics import clustered_interval
 from evaluation.store import Row
 from foresight_env.scenarios.encounter import is_vehicle

@@ -12,7 +12,7 @@ import platform
 import tempfile
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -103,11 +103,7 @@ class Store:
         """All finished trials, one row each, in the order of their keys."""
         found: dict[tuple[Any, ...], Row] = {}
         for part in sorted(self.folder.glob("part-*.parquet")):
-            try:
-                table = pq.read_table(part)
-            except (pa.ArrowInvalid, OSError) as error:
-                raise StoreError(f"{part}: is damaged ({error}); delete this part") from error
-            for row in table.to_pylist():
+            for row in _read_part(part):
                 found[tuple(row[k] for k in self.key)] = row
         names = sorted({name for row in found.values() for name in row})
         return [{n: found[k].get(n) for n in names} for k in sorted(found, key=repr)]
@@ -115,6 +111,44 @@ class Store:
     def finished(self) -> set[tuple[Any, ...]]:
         """Keys of the trials that have a row."""
         return {tuple(row[k] for k in self.key) for row in self.rows()}
+
+
+class Results(NamedTuple):
+    """What a results folder holds."""
+
+    folder: Path
+    study: str
+    configuration: dict[str, Any]
+    version: str
+    """Of this library, that made them."""
+    machine: str
+    rows: list[Row]
+
+
+def read_results(folder: Path) -> Results:
+    """A folder of results as it is; what a row lacks (where a trial broke) is None."""
+    manifest = folder / "manifest.json"
+    try:
+        told = json.loads(manifest.read_text())
+        study, version = str(told["study"]), str(told["version"])
+        configuration = dict(told["configuration"])
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise StoreError(f"{manifest}: is no manifest of results ({error})") from error
+    machine = f"Python {told.get('python', '?')}, {told.get('machine', '?')}"
+    found: list[Row] = []
+    for part in sorted(folder.glob("part-*.parquet")):
+        found += _read_part(part)
+    names = sorted({name for row in found for name in row})
+    found = [{name: row.get(name) for name in names} for row in found]
+    return Results(folder, study, configuration, version, machine, found)
+
+
+def _read_part(part: Path) -> list[Row]:
+    try:
+        rows: list[Row] = pq.read_table(part).to_pylist()
+    except (pa.ArrowInvalid, OSError) as error:
+        raise StoreError(f"{part}: is damaged ({error}); delete this part") from error
+    return rows
 
 
 def _difference(kept: Mapping[str, Any], wanted: Mapping[str, Any]) -> str:

@@ -107,6 +107,11 @@ class WorldParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
         return self._scene
 
     @property
+    def world(self) -> World:
+        """The scenario: who takes part, footprints, scenery. Nothing of the present episode."""
+        return self._world
+
+    @property
     def np_random(self) -> np.random.Generator:
         """The generator that episodes are drawn from; seeded from entropy before any `reset`."""
         if self._random is None:

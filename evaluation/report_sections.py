@@ -1,0 +1,201 @@
+"""A section of the report for every kind of study: its tables, its figures, its episodes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from rich.console import Console
+
+from agents import make_ego, make_predictor
+from evaluation.benchmark import driven_parts, simulated_parts
+from evaluation.benchmark_page import print_parts
+from evaluation.benchmark_study import Plan
+from evaluation.closed_loop import summarise
+from evaluation.driving_report import OTHERS, distances_over_time, place, print_driving
+from evaluation.figures import closed_loop_summary, error_against_noise
+from evaluation.intersection_report import error_over_noise, print_errors
+from evaluation.naming import label_of
+from evaluation.prediction_report import error_over_time, print_prediction
+from evaluation.provenance import fingerprint
+from evaluation.recorded_windows import with_windows
+from evaluation.run_setting import RunSetting
+from evaluation.store import Results, Row
+from evaluation.tables import print_closed_loop, print_estimation
+
+Draw = Callable[[Path], Path]
+"""Writes a figure to a path, in the format that its ending names."""
+
+
+@dataclass(frozen=True)
+class Watched:
+    """An episode that can be watched again."""
+
+    ego: str
+    seed: int
+    setting: RunSetting
+    title: str
+    why: str
+
+
+@dataclass
+class Section:
+    """One study on the page."""
+
+    title: str
+    results: Results
+    figures: dict[str, tuple[Draw, str]] = field(default_factory=dict)
+    """By name: how it is drawn, and what it shows."""
+    episodes: list[Watched] = field(default_factory=list)
+
+
+def section(results: Results, notes: Console) -> Section:
+    """Print a study's tables on `notes` and say what else belongs to it."""
+    makers = {
+        "closed loop": _closed_loop,
+        "estimation": _estimation,
+        "driving": _driving,
+        "intersection": _intersection,
+        "prediction": _prediction,
+        "benchmark, open loop": _open_benchmark,
+        "benchmark, closed loop": _closed_benchmark,
+    }
+    maker = makers.get(results.study, _other)
+    return maker(results, notes)
+
+
+def present(rows: Sequence[Row], column: str) -> list[Row]:
+    """Rows of agents as they are now, where a folder has some of earlier settings as well."""
+    kept: dict[str, str] = {}
+    make = make_ego if column == "ego" else make_predictor
+    for row in rows:
+        name, settings = row[column], row["settings"]
+        if kept.setdefault(name, settings) != settings:
+            try:
+                kept[name] = fingerprint(make(name))
+            except (ValueError, ImportError):  # somebody's own, which cannot be imported here
+                kept[name] = settings
+    return [row for row in rows if kept[row[column]] == row["settings"]]
+
+
+def _names(rows: Sequence[Row], column: str) -> tuple[str, ...]:
+    """In the order in which they first appear, those with a finished trial."""
+    return tuple(dict.fromkeys(r[column] for r in rows if not r["error"]))
+
+
+def _told(values: Sequence[str]) -> str:
+    return ", ".join(values)
+
+
+def _closed_loop(results: Results, notes: Console) -> Section:
+    rows = present(results.rows, "ego")
+    egos = _names(rows, "ego")
+    print_closed_loop(notes, [summarise(rows, ego) for ego in egos], rows)
+    found = Section("Crosswalk: an ego in the loop", results)
+    found.figures["closed_loop"] = (
+        lambda path: closed_loop_summary(rows, egos, path),
+        "Distances, times and costs of every ego",
+    )
+    told = results.configuration
+    setting = RunSetting(
+        players=told["players"],
+        observation=told["observation"],
+        noise_std=told["noise_std"],
+        behaviour=told["behaviour"],
+    )
+    chosen = _chosen(rows, "ego", lambda r: bool(r["collision"]))
+    found.episodes += [Watched(r["ego"], r["seed"], setting, "Crosswalk", w) for r, w in chosen]
+    return found
+
+
+def _estimation(results: Results, notes: Console) -> Section:
+    print_estimation(notes, results.rows)
+    found = Section("Crosswalk: how well foresight is inferred", results)
+    found.figures["error_against_noise"] = (
+        lambda path: error_against_noise(results.rows, path),
+        "Trajectory error over noise, gamma inferred and gamma = 1, with the Cramer-Rao bound",
+    )
+    return found
+
+
+def _driving(results: Results, notes: Console) -> Section:
+    rows = present(results.rows, "ego")
+    egos, scenes, others = (_names(rows, column) for column in ("ego", "scene", "others"))
+    print_driving(notes, rows, scenes, others, egos)
+    found = Section("Driving: an ego on highway-env's roads", results)
+    told = results.configuration
+    for scene in scenes:
+        for other in others:
+
+            def draw(path: Path, scene: str = scene, other: str = other) -> Path:
+                return distances_over_time(rows, scene, other, egos, path)
+
+            where = place(scene, other)
+            found.figures[f"{scene}_{other}"] = (
+                draw,
+                f"{where}: distances to others and to the goal over time",
+            )
+            mine = [r for r in rows if (r["scene"], r["others"]) == (scene, other)]
+            setting = RunSetting(
+                "driving", scene, told["cars"], told["observation"], told["noise_std"], other
+            )
+            title = where[0].upper() + where[1:]
+            chosen = _chosen(mine, "ego", lambda r: r["ended"] == "collision", most=1)
+            found.episodes += [Watched(r["ego"], r["seed"], setting, title, w) for r, w in chosen]
+    return found
+
+
+def _intersection(results: Results, notes: Console) -> Section:
+    print_errors(notes, results.rows)
+    found = Section("Intersection: a recorded window", results)
+    found.figures["error_over_noise"] = (
+        lambda path: error_over_noise(results.rows, path),
+        "Trajectory error over noise, gamma inferred, gamma = 1 and constant velocity",
+    )
+    return found
+
+
+def _prediction(results: Results, notes: Console) -> Section:
+    rows = present(with_windows(results.folder, results.rows), "predictor")
+    print_prediction(notes, rows)
+    found = Section("Recordings: predictions", results)
+    found.figures["error_over_time"] = (
+        lambda path: error_over_time(rows, path),
+        "Displacement errors 1 to 4 s ahead",
+    )
+    return found
+
+
+def _open_benchmark(results: Results, notes: Console) -> Section:
+    rows = present(results.rows, "predictor")
+    plan = Plan(_names(rows, "place"), (), _names(rows, "predictor"), (), 0)
+    print_parts(notes, simulated_parts(rows, plan), everything=True)
+    return Section("Benchmark: predictors in simulated episodes", results)
+
+
+def _closed_benchmark(results: Results, notes: Console) -> Section:
+    rows = present(results.rows, "ego")
+    places, others = _names(rows, "place"), tuple(o for o in OTHERS if o in _names(rows, "others"))
+    plan = Plan(places, others, (), _names(rows, "ego"), 0)
+    print_parts(notes, driven_parts(rows, plan), everything=True)
+    return Section("Benchmark: egos in simulated episodes", results)
+
+
+def _other(results: Results, notes: Console) -> Section:
+    columns = sorted({name for row in results.rows for name in row})
+    notes.print(f"{len(results.rows)} rows with {_told(columns)}.", markup=False)
+    return Section(results.study.capitalize(), results)
+
+
+def _chosen(
+    rows: Sequence[Row], column: str, harmed: Callable[[Row], bool], most: int = 3
+) -> list[tuple[Row, str]]:
+    """Episodes worth watching: the first seed with the ego that infers, and collisions."""
+    whole = sorted((r for r in rows if not r["error"]), key=lambda r: (r["seed"], r[column]))
+    first = [(r, "the first seed") for r in whole if r[column] == "foresight"][:1]
+    harm: dict[str, Row] = {}
+    for row in whole:
+        if harmed(row):
+            harm.setdefault(row[column], row)
+    return first + [(r, f"a collision of {label_of(r[column])}") for r in harm.values()][:most]
