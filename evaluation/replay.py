@@ -78,7 +78,6 @@ def _step(
             str(j): _short(np.array([mean, INTERVAL_DEVIATIONS * deviation]))
             for j, (mean, deviation) in gammas.items()
         },
-        "latency": round(1e3 * step.latency, 1),
         "failed": bool(decision.failed or decision.stale),
     }
 

@@ -11,27 +11,34 @@ function element(name, attributes, parent) {
 const points = (path) => path.map(([x, y]) => `${x},${-y}`).join(" ");
 
 function scene(data, holder) {
-  // Metres, y upwards: all y are negated. What is farther away than everybody ever is, is cut off.
-  const [cx, cy] = data.scenery.center;
+  // Metres, y upwards: all y are negated. Where nobody ever is, is cut off.
   const places = data.steps.flatMap((s) => s.state).concat(data.final, data.goals);
-  const far = Math.max(...places.map(([x, y]) => Math.max(Math.abs(x - cx), Math.abs(y - cy))));
-  const half = Math.max(data.scenery.half, 1.15 * far);
+  const range = (axis) => {
+    const values = places.map((place) => (axis ? -place[axis] : place[axis]));
+    return [Math.min(...values), Math.max(...values)];
+  };
+  const [[x0, x1], [y0, y1]] = [range(0), range(1)];
+  const largest = Math.max(...data.footprints.map(([length, width, radius]) => Math.max(length, width) + 2 * radius));
+  const margin = 0.08 * Math.max(x1 - x0, y1 - y0) + largest;
+  const width = Math.max(x1 - x0 + 2 * margin, 0.6 * (y1 - y0 + 2 * margin));
+  const height = Math.max(y1 - y0 + 2 * margin, 0.4 * width);
+  const [left, top] = [(x0 + x1 - width) / 2, (y0 + y1 - height) / 2];
   const svg = element("svg", {
-    viewBox: `${cx - half} ${-cy - half} ${2 * half} ${2 * half}`, role: "img",
-    "aria-label": "the scene from above",
+    viewBox: `${left} ${top} ${width} ${height}`, role: "img", "aria-label": "the scene from above",
   }, holder);
-  element("rect", { x: cx - half, y: -cy - half, width: 2 * half, height: 2 * half, fill: "#f0eee9" }, svg);
+  element("rect", { x: left, y: top, width, height, fill: "#f0eee9" }, svg);
   for (const shape of data.scenery.shapes) {
     if (shape.disc) element("circle", { cx: shape.disc[0], cy: -shape.disc[1], r: shape.disc[2], fill: shape.colour }, svg);
     else element("polygon", { points: points(shape.corners), fill: shape.colour }, svg);
   }
-  return [element("g", {}, svg), half];
+  return [element("g", {}, svg), width / 2];
 }
 
 function body(data, i, [x, y, heading], group, half) {
   const [length, width, radius] = data.footprints[i];
   const ring = i === data.ego ? "#282828" : "#ffffff";
-  const shared = { fill: data.colours[i], stroke: ring, "stroke-width": half / 90 };
+  const edge = Math.min(half / 90, 0.06 * Math.max(width, 2 * radius));
+  const shared = { fill: data.colours[i], stroke: ring, "stroke-width": edge };
   if (length > 0) {
     const turn = `translate(${x},${-y}) rotate(${(-heading * 180) / Math.PI})`;
     const box = element("g", { transform: turn }, group);
@@ -152,7 +159,7 @@ for (const holder of document.querySelectorAll("[data-replay]")) {
     mark(k);
     const now = data.steps[k];
     output.textContent = `${(k * data.dt).toFixed(1)} s` +
-      (now ? `, decided in ${now.latency.toFixed(0)} ms` + (now.failed ? ", failed: last plan kept" : "") : ", end");
+      (now ? (now.failed ? ", a solve failed: the last plan goes on" : "") : ", the end");
   }
   function stop() {
     clearInterval(timer);
@@ -170,5 +177,5 @@ for (const holder of document.querySelectorAll("[data-replay]")) {
       show(Number(slider.value) + 1);
     }, 1000 * data.dt);
   });
-  show(0);
+  show(Math.round(data.steps.length / 3)); // in the middle of it, where a still picture tells most
 }

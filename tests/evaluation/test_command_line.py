@@ -97,6 +97,11 @@ def test_predictions_on_recordings(tmp_path, sample):
     refused(call(*arguments, "--split", "development"), "nobody interacts")
 
 
+def test_a_report_of_nothing(tmp_path):
+    refused(call("report", tmp_path / "out"), "holds no results")
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_runs_that_there_are_not(tmp_path):
     out = tmp_path / "out"
     for arguments, told in (

@@ -1,0 +1,152 @@
+"""The report: everything that a folder holds, on one page that needs no network."""
+
+import json
+import re
+from html.parser import HTMLParser
+
+import pytest
+from made_rows import episode_rows, estimation_rows
+from PIL import Image
+from rich.table import Table
+
+from evaluation import closed_loop, prediction
+from evaluation.closed_loop import ClosedLoop
+from evaluation.notes import Notes
+from evaluation.replay import replay
+from evaluation.report import write_report
+from evaluation.run_setting import RunSetting
+from evaluation.sample import write_sample
+from evaluation.store import Store, StoreError
+
+STEPS = ("state", "seen", "planned", "predicted", "gammas", "failed")
+
+
+class Tags(HTMLParser):
+    """Tags that are open, all ids, links and sources."""
+
+    def __init__(self):
+        super().__init__()
+        self.open, self.ids, self.links = [], [], []
+
+    def handle_starttag(self, tag, attributes):
+        found = dict(attributes)
+        self.ids += [found["id"]] if "id" in found else []
+        self.links += [found[name] for name in ("href", "src") if name in found]
+        if tag not in ("meta", "img", "br", "input"):
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+
+def page_of(path):
+    """The text of a page that is well formed and asks nobody for anything."""
+    text = path.read_text()
+    tags = Tags()
+    tags.feed(text)
+    assert tags.open == []
+    for link in tags.links:
+        assert link.startswith("data:image/png;base64,") or link.removeprefix("#") in tags.ids
+    assert "@import" not in text
+    assert not re.search(r"\b(fetch|XMLHttpRequest|import)\(", text)
+    return text
+
+
+def stored(folder, study, configuration, rows, key):
+    Store(folder, study, configuration, key).append(rows)
+
+
+@pytest.fixture
+def results(tmp_path):
+    """Three studies, one of them unknown to this version."""
+    told = {**ClosedLoop().__dict__, "schema": closed_loop.SCHEMA}
+    rows = [{**row, "settings": "s"} for row in episode_rows()]
+    stored(tmp_path / "a" / "loop", "closed loop", told, rows, closed_loop.KEY)
+    rows = [{**row, "seconds": 0.1} for row in estimation_rows()]
+    stored(tmp_path / "b", "estimation", {}, rows, ("observation",))
+    rows = [{"seed": 1, "x": 2.0, "error": ""}, {"seed": 2, "x": None, "error": "<it> broke"}]
+    stored(tmp_path / "c", "made up", {"size": 3}, rows, ("seed",))
+    return tmp_path
+
+
+def test_every_study_is_told(results):
+    path = write_report(results, episodes=0)
+    assert path == results / "report.html"
+    text = page_of(path)
+    for told in ("gamma inferred", "broke", "0.608", "size 3", "2 rows with error, seed, x."):
+        assert told in text
+    assert "&lt;it&gt; broke" in text
+    assert "<it>" not in text
+    names = sorted(p.name for p in (results / "figures").iterdir())
+    assert names == [
+        f"{stem}.{kind}"
+        for stem in ("a_loop_closed_loop", "b_error_against_noise")
+        for kind in ("pdf", "png")
+    ]
+    for name in names:
+        figure = results / "figures" / name
+        if name.endswith("png"):
+            with Image.open(figure) as picture:
+                assert picture.width > 300
+        else:
+            box = re.search(rb"/MediaBox \[ 0 0 ([\d.]+) ", figure.read_bytes())
+            assert float(box[1]) == pytest.approx(7.16 * 72.0, abs=0.1)
+
+
+def test_episodes_are_played_again(tmp_path):
+    """The replay is the row's episode, and what the page holds of it is JSON."""
+    rows = closed_loop.study(tmp_path / "loop", ("foresight",), range(1), workers=0)
+    text = page_of(write_report(tmp_path, episodes=1))
+    (data,) = json.loads(re.search(r"const replays = (.*);\n", text)[1])
+    assert len(data["steps"]) == len(rows[0]["latencies"])
+    assert all(set(step) == set(STEPS) for step in data["steps"])
+    assert len(data["final"]) == len(data["names"]) == 2
+    assert data["steps"][-1]["gammas"]["1"][1] > 0.0
+    assert "Chosen as the first seed. Goal reached after" in text
+
+
+def test_what_is_hidden_is_null():
+    setting = RunSetting("crosswalk", observation="positions", noise_std=0.0)
+    found = replay("constant-velocity", 0, setting, "Crosswalk")
+    assert not found.data["infers"]
+    first = found.data["steps"][0]
+    assert first["gammas"] == {}
+    assert [place[:2] for place in first["state"]] == first["seen"]  # noise-free
+
+
+def test_predictions_are_told_without_the_recordings(tmp_path):
+    data = write_sample(tmp_path / "recorded").parent
+    study = tmp_path / "results"
+    prediction.study(study, data, ("constant-velocity",), workers=0)
+    for file in data.iterdir():
+        file.unlink()
+    assert "DUT, test: predictions" in page_of(write_report(study, episodes=0))
+    (study / "windows.parquet").unlink()
+    with pytest.raises(StoreError, match=r"windows.parquet: lacks a window"):
+        write_report(study, episodes=0)
+
+
+def test_folders_without_results(tmp_path):
+    with pytest.raises(ValueError, match=r"nothing: holds no results"):
+        write_report(tmp_path / "nothing")
+    Store(tmp_path, "closed loop", {}, ("seed",))
+    with pytest.raises(ValueError, match="no trial has finished yet"):
+        write_report(tmp_path)
+    (tmp_path / "manifest.json").write_text("[]")
+    with pytest.raises(StoreError, match="is no manifest of results"):
+        write_report(tmp_path)
+
+
+def test_notes_keep_tables_as_text():
+    notes = Notes()
+    table = Table(title="a [b]bold[/b] one")
+    table.add_column("x")
+    table.add_column(r"y \[m]", justify="right")
+    table.add_row("1", "[red]2[/red]")
+    notes.print(table)
+    notes.print("[red]broke[/red]")
+    notes.print("plain [1]", markup=False)
+    shown, *told = notes.kept
+    assert (shown.title, shown.header, shown.rows) == ("a bold one", ("x", "y [m]"), (("1", "2"),))
+    assert shown.right == (False, True)
+    assert told == ["broke", "plain [1]"]
