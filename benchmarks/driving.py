@@ -10,15 +10,8 @@ from agents.registry import DRIVING_EGOS
 from benchmarks.report import Result, Row, Setting
 from benchmarks.timing import Yardstick
 from evaluation.driving_report import OTHERS
-from evaluation.driving_study import (
-    COLLISION,
-    OFF_ROAD,
-    REACHED,
-    DrivingSetting,
-    paired,
-    study,
-    summarise,
-)
+from evaluation.driving_study import DrivingSetting, paired, study, summarise
+from evaluation.endings import COLLISION, OFF_ROAD, REACHED
 from foresight_env.highway.scenes import SCENES
 
 BEHAVIOURS = ("receding", "idm")

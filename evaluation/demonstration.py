@@ -20,6 +20,7 @@ from evaluation import (
 from evaluation.closed_loop import INFERRING, ClosedLoop, episode, summarise
 from evaluation.driving_report import distances_over_time, print_driving
 from evaluation.driving_study import DrivingSetting
+from evaluation.endings import ending
 from evaluation.episode_pictures import draw_episode
 from evaluation.figures import (
     closed_loop_summary,
@@ -77,11 +78,7 @@ def _draw(console: Console, ego: str, seed: int, setting: RunSetting, out: Path)
     table = Table(title=f"{where.replace('_', ' ')}, seed {seed}: ego {ego}")
     table.add_column("quantity")
     table.add_column("value", justify="right")
-    ended = "collision" if last.info["collision"] else "time-out"
-    ended = "off the road" if last.info["off_road"] else ended
-    if last.info["is_success"]:
-        ended = "goal reached"
-    table.add_row("end", f"{ended} after {last.info['time']:.1f} s")
+    table.add_row("end", f"{ending(last.info)} after {last.info['time']:.1f} s")
     table.add_row("smallest gap to somebody", f"{last.info['min_distance']:.2f} m")
     for j, (mean, deviation) in last.decision.gammas.items():
         true = f"{last.info['gamma'][j]:.2f}"

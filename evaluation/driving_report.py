@@ -14,15 +14,12 @@ from rich.markup import escape
 from rich.table import Table
 
 from evaluation.driving_study import (
-    COLLISION,
-    OFF_ROAD,
-    REACHED,
-    TIME_OUT,
     Summary,
     good_rows,
     paired,
     summarise,
 )
+from evaluation.endings import COLLISION, OFF_ROAD, REACHED, TIME_OUT
 from evaluation.figures import save
 from evaluation.naming import colour_of, label_of
 from evaluation.store import Row

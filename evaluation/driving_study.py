@@ -16,6 +16,7 @@ import numpy as np
 
 from agents import make_ego
 from evaluation.closed_loop import WARM_UP_STEPS, episode
+from evaluation.endings import COLLISION, OFF_ROAD, REACHED, TIME_OUT, ending
 from evaluation.metrics import at_fault, comfort
 from evaluation.provenance import fingerprint
 from evaluation.run_setting import RunSetting
@@ -29,8 +30,6 @@ SCHEMA = 2
 """Counted up when rows get other columns or mean something else: older folders are refused."""
 EGO = 0
 """The ego's car."""
-COLLISION, OFF_ROAD, REACHED, TIME_OUT = "collision", "off road", "goal reached", "time-out"
-"""How an episode ends."""
 
 
 @dataclass(frozen=True)
@@ -67,9 +66,7 @@ def run_episode(
     states = np.stack([*(s.state for s in steps), last["state"]])
     own, goal = states[:, EGO], last["theta"]["goal"][EGO]
     nearest = np.linalg.norm(np.delete(states, EGO, 1)[..., :2] - own[:, None, :2], axis=2)
-    ended = REACHED if last["is_success"] else TIME_OUT
-    ended = OFF_ROAD if last["off_road"] else ended
-    ended = COLLISION if last["collision"] else ended
+    ended = ending(last)
     ride = comfort(own, env.scene.dt)
     return {
         "ended": ended,

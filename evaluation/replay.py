@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from evaluation.closed_loop import INFERRING, Step, episode
+from evaluation.endings import ending
 from evaluation.naming import label_of
 from evaluation.run_setting import RunSetting
 from foresight_env.envs.scenery import Disc
@@ -54,10 +55,7 @@ def replay(ego: str, seed: int, setting: RunSetting, title: str) -> Replay:
         "steps": [_step(s, ego, order, width, turning) for s in steps],
         "final": _places(last["state"], turning),
     }
-    ended = "collision" if last["collision"] else "time-out"
-    ended = "off the road" if last["off_road"] else ended
-    ended = "goal reached" if last["is_success"] else ended
-    told = f"{ended} after {last['time']:.1f} s, smallest gap {last['min_distance']:.2f} m"
+    told = f"{ending(last)} after {last['time']:.1f} s, smallest gap {last['min_distance']:.2f} m"
     return Replay(f"{title}: {label_of(ego)}, seed {seed}", told, data)
 
 

@@ -11,6 +11,7 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from rich.progress import track
 
+from evaluation.naming import label_of
 from evaluation.notes import Notes, Shown
 from evaluation.published import PUBLISHED
 from evaluation.replay import Replay, replay
@@ -112,8 +113,6 @@ def _failures(rows: Sequence[Row]) -> list[tuple[str, int, int, str]]:
 
 
 def _page(folder: Path, chapters: Sequence[Chapter]) -> str:
-    from evaluation.naming import label_of
-
     templates = Environment(
         loader=PackageLoader("evaluation"), autoescape=True, undefined=StrictUndefined
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 from rich.console import Console
@@ -14,6 +15,7 @@ from evaluation.benchmark_page import print_parts
 from evaluation.benchmark_study import Plan
 from evaluation.closed_loop import summarise
 from evaluation.driving_report import OTHERS, distances_over_time, place, print_driving
+from evaluation.endings import COLLISION
 from evaluation.figures import closed_loop_summary, error_against_noise
 from evaluation.intersection_report import error_over_noise, print_errors
 from evaluation.naming import label_of
@@ -50,17 +52,52 @@ class Section:
     episodes: list[Watched] = field(default_factory=list)
 
 
+@dataclass(frozen=True)
+class _Plain:
+    """A study with tables and one figure of all its rows."""
+
+    title: str
+    show: Callable[[Console, Sequence[Row]], None]
+    name: str
+    draw: Callable[[Sequence[Row], Path], Path]
+    told: str
+
+    def section(self, results: Results, notes: Console) -> Section:
+        self.show(notes, results.rows)
+        figure = partial(self.draw, results.rows), self.told
+        return Section(self.title, results, {self.name: figure})
+
+
+PLAIN = {
+    "estimation": _Plain(
+        "Crosswalk: how well foresight is inferred",
+        print_estimation,
+        "error_against_noise",
+        error_against_noise,
+        "Trajectory error over noise, gamma inferred and gamma = 1, with the Cramer-Rao bound",
+    ),
+    "intersection": _Plain(
+        "Intersection: a recorded window",
+        print_errors,
+        "error_over_noise",
+        error_over_noise,
+        "Trajectory error over noise, gamma inferred, gamma = 1 and constant velocity",
+    ),
+}
+"""By the study's name."""
+
+
 def section(results: Results, notes: Console) -> Section:
     """Print a study's tables on `notes` and say what else belongs to it."""
     makers = {
         "closed loop": _closed_loop,
-        "estimation": _estimation,
         "driving": _driving,
-        "intersection": _intersection,
         "prediction": _prediction,
         "benchmark, open loop": _open_benchmark,
         "benchmark, closed loop": _closed_benchmark,
     }
+    if results.study in PLAIN:
+        return PLAIN[results.study].section(results, notes)
     maker = makers.get(results.study, _other)
     return maker(results, notes)
 
@@ -84,10 +121,6 @@ def _names(rows: Sequence[Row], column: str) -> tuple[str, ...]:
     return tuple(dict.fromkeys(r[column] for r in rows if not r["error"]))
 
 
-def _told(values: Sequence[str]) -> str:
-    return ", ".join(values)
-
-
 def _closed_loop(results: Results, notes: Console) -> Section:
     rows = present(results.rows, "ego")
     egos = _names(rows, "ego")
@@ -104,18 +137,8 @@ def _closed_loop(results: Results, notes: Console) -> Section:
         noise_std=told["noise_std"],
         behaviour=told["behaviour"],
     )
-    chosen = _chosen(rows, "ego", lambda r: bool(r["collision"]))
+    chosen = _chosen(rows, lambda r: bool(r["collision"]))
     found.episodes += [Watched(r["ego"], r["seed"], setting, "Crosswalk", w) for r, w in chosen]
-    return found
-
-
-def _estimation(results: Results, notes: Console) -> Section:
-    print_estimation(notes, results.rows)
-    found = Section("Crosswalk: how well foresight is inferred", results)
-    found.figures["error_against_noise"] = (
-        lambda path: error_against_noise(results.rows, path),
-        "Trajectory error over noise, gamma inferred and gamma = 1, with the Cramer-Rao bound",
-    )
     return found
 
 
@@ -141,18 +164,8 @@ def _driving(results: Results, notes: Console) -> Section:
                 "driving", scene, told["cars"], told["observation"], told["noise_std"], other
             )
             title = where[0].upper() + where[1:]
-            chosen = _chosen(mine, "ego", lambda r: r["ended"] == "collision", most=1)
+            chosen = _chosen(mine, lambda r: r["ended"] == COLLISION, most=1)
             found.episodes += [Watched(r["ego"], r["seed"], setting, title, w) for r, w in chosen]
-    return found
-
-
-def _intersection(results: Results, notes: Console) -> Section:
-    print_errors(notes, results.rows)
-    found = Section("Intersection: a recorded window", results)
-    found.figures["error_over_noise"] = (
-        lambda path: error_over_noise(results.rows, path),
-        "Trajectory error over noise, gamma inferred, gamma = 1 and constant velocity",
-    )
     return found
 
 
@@ -184,18 +197,18 @@ def _closed_benchmark(results: Results, notes: Console) -> Section:
 
 def _other(results: Results, notes: Console) -> Section:
     columns = sorted({name for row in results.rows for name in row})
-    notes.print(f"{len(results.rows)} rows with {_told(columns)}.", markup=False)
+    notes.print(f"{len(results.rows)} rows with {', '.join(columns)}.", markup=False)
     return Section(results.study.capitalize(), results)
 
 
 def _chosen(
-    rows: Sequence[Row], column: str, harmed: Callable[[Row], bool], most: int = 3
+    rows: Sequence[Row], harmed: Callable[[Row], bool], most: int = 3
 ) -> list[tuple[Row, str]]:
     """Episodes worth watching: the first seed with the ego that infers, and collisions."""
-    whole = sorted((r for r in rows if not r["error"]), key=lambda r: (r["seed"], r[column]))
-    first = [(r, "the first seed") for r in whole if r[column] == "foresight"][:1]
+    whole = sorted((r for r in rows if not r["error"]), key=lambda r: (r["seed"], r["ego"]))
+    first = [(r, "the first seed") for r in whole if r["ego"] == "foresight"][:1]
     harm: dict[str, Row] = {}
     for row in whole:
         if harmed(row):
-            harm.setdefault(row[column], row)
-    return first + [(r, f"a collision of {label_of(r[column])}") for r in harm.values()][:most]
+            harm.setdefault(row["ego"], row)
+    return first + [(r, f"a collision of {label_of(r['ego'])}") for r in harm.values()][:most]

@@ -6,14 +6,16 @@ PyTorch: NumPy arrays go in and come out. On the command line: `own_torch_predic
 """
 
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import torch
+from safetensors.torch import load_file, save_file
 
 from agents import Forecast, History
 from agents.conformance import check_predictor
 
-WEIGHTS = Path(__file__).with_suffix(".pt")
+WEIGHTS = Path(__file__).with_suffix(".safetensors")
 DEVICE = "cuda" if torch.cuda.is_available() else "cpu"
 
 
@@ -42,8 +44,8 @@ class Recurrent:
         self.network = Network().to(DEVICE).eval()
         path = weights or (WEIGHTS if WEIGHTS.exists() else None)
         if path is not None:
-            # Without `weights_only` a file of weights may run any code that it likes.
-            self.network.load_state_dict(torch.load(path, map_location=DEVICE, weights_only=True))
+            # Not `torch.load`, which unpickles: such a file may run any code that it likes.
+            self.network.load_state_dict(load_file(path, DEVICE))
 
     @torch.no_grad()
     def predict(self, history: History, steps: int) -> Forecast:
@@ -84,12 +86,14 @@ def train(network: Network, rounds: int = 100) -> list[float]:
 
 
 def main() -> list[float]:
-    """Train, check; the losses."""
+    """Train, write the weights to a file, check what reads them; the losses."""
     model = Recurrent()
     losses = train(model.network.train())
-    model.network.eval()
     print(f"loss {losses[0]:.4f} at first, {losses[-1]:.4f} at last")
-    check_predictor(model)
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / WEIGHTS.name  # yours go to `WEIGHTS`, where `Recurrent()` finds them
+        save_file(model.network.state_dict(), path)
+        check_predictor(Recurrent(path))
     print("it does what a predictor has to do")
     return losses
 

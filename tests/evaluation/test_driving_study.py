@@ -2,7 +2,8 @@
 
 import pytest
 
-from evaluation.driving_study import COLLISION, REACHED, TIME_OUT, paired, summarise, time_to_goal
+from evaluation.driving_study import paired, summarise, time_to_goal
+from evaluation.endings import COLLISION, OFF_ROAD, REACHED, TIME_OUT, ending
 
 
 def row(ego, seed, ended, time, gap, **others):
@@ -61,3 +62,11 @@ def test_pairs_are_seeds_that_both_finished():
     assert found.time.mean == pytest.approx(((5.0 - 8.0) + (8.0 - 6.0)) / 2.0)
     assert found.collisions == -1
     assert paired(ROWS, "merge", "idm", "foresight", "oracle") is None
+
+
+def test_harm_counts_before_success():
+    info = {"collision": False, "off_road": False, "is_success": True}
+    assert ending(info) == REACHED
+    assert ending({**info, "off_road": True}) == OFF_ROAD
+    assert ending({**info, "off_road": True, "collision": True}) == COLLISION
+    assert ending({**info, "is_success": False}) == TIME_OUT
