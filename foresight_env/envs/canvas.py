@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from itertools import pairwise
 
 import numpy as np
 import pygame
@@ -71,13 +70,14 @@ class Canvas:
         """The picture at its own size."""
         return pygame.transform.smoothscale(self._surface, self._size)
 
-    def _pixel(self, place: Float[np.ndarray, "2"] | Pixel) -> Pixel:
-        x, y = self._middle + self._scale * (np.asarray(place) - self._centre) * (1.0, -1.0)
+    def _pixels(self, places: Float[np.ndarray, "K 2"]) -> Float[np.ndarray, "K 2"]:
+        pixels = self._middle + self._scale * (places - self._centre) * (1.0, -1.0)
         # pygame draws with 32-bit coordinates; far outside is outside all the same.
-        return float(np.clip(x, -1e4, 1e4)), float(np.clip(y, -1e4, 1e4))
+        return pixels.clip(-1e4, 1e4)
 
-    def _pixels(self, path: Float[np.ndarray, "K 2"]) -> list[Pixel]:
-        return [self._pixel(place) for place in path]
+    def _pixel(self, place: Float[np.ndarray, "2"] | Pixel) -> Pixel:
+        (x, y) = self._pixels(np.reshape(place, (1, 2)))[0].tolist()
+        return x, y
 
     @staticmethod
     def _fine(pixel: Pixel) -> Pixel:
@@ -89,8 +89,7 @@ class Canvas:
 
     def polygon(self, corners: Float[np.ndarray, "K 2"], colour: Colour) -> None:
         """A filled polygon in the scene, corners in metres."""
-        fine = [self._fine(pixel) for pixel in self._pixels(corners)]
-        pygame.draw.polygon(self._surface, colour, fine)
+        pygame.draw.polygon(self._surface, colour, (self._pixels(corners) * OVERSAMPLING).tolist())
 
     def circle(self, place: Float[np.ndarray, "2"], radius: float, colour: Colour) -> None:
         """A filled circle in the scene, metres."""
@@ -146,7 +145,7 @@ class Canvas:
         dashed: bool = False,
     ) -> None:
         """A line that fades along its way; where it leaves the scene it ends."""
-        points = np.array(self._pixels(path)).reshape(-1, 2)
+        points = self._pixels(path)
         limits = self._scene_width, self._size[1]
         outside = np.flatnonzero(((points < 0.0) | (points > limits)).any(axis=1))
         if outside.size:
@@ -158,9 +157,8 @@ class Canvas:
         along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
         # Backwards, so that what counts more lies above what counts less.
         for stretch in reversed(_dashes(along) if dashed else [along]):
-            parts = [np.interp(stretch, along, points[:, k]) for k in (0, 1)]
+            pixels = np.stack([np.interp(stretch, along, points[:, k]) for k in (0, 1)], axis=1)
             shades = np.interp(stretch, along, opacity)
-            pixels = list(zip(*parts, strict=True))
             for k in reversed(range(len(pixels) - 1)):
                 shade = round(255 * 0.5 * (shades[k] + shades[k + 1]))
                 self._lines(pixels[k : k + 2], (*colour, shade), width, layer)
@@ -168,21 +166,22 @@ class Canvas:
 
     def _lines(
         self,
-        pixels: list[Pixel],
+        pixels: list[Pixel] | Float[np.ndarray, "K 2"],
         colour: Colour | tuple[int, int, int, int],
         width: float,
         surface: pygame.Surface | None = None,
     ) -> None:
         surface = self._surface if surface is None else surface
-        fine = [self._fine(pixel) for pixel in pixels]
+        fine = np.asarray(pixels, float) * OVERSAMPLING
         radius = 0.5 * width * OVERSAMPLING
-        for a, b in pairwise(np.array(fine)):
-            length = np.linalg.norm(b - a)
-            if length > 0.0:
-                # A quadrangle: pygame's own wide lines get thinner the more they slope.
-                side = radius * np.array([-(b - a)[1], (b - a)[0]]) / length
-                corners = [a + side, b + side, b - side, a - side]
-                pygame.draw.polygon(surface, colour, corners)
+        steps = np.diff(fine, axis=0)
+        lengths = np.linalg.norm(steps, axis=1)
+        moving = lengths > 0.0
+        # Quadrangles: pygame's own wide lines get thinner the more they slope.
+        sides = radius * (steps[moving] / lengths[moving, None])[:, ::-1] * (-1.0, 1.0)
+        begin, end = fine[:-1][moving], fine[1:][moving]
+        for corners in np.stack([begin + sides, end + sides, end - sides, begin - sides], axis=1):
+            pygame.draw.polygon(surface, colour, corners)
         if radius > 1.5:
             for point in fine:
                 pygame.draw.circle(surface, colour, point, radius)
