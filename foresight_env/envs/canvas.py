@@ -76,7 +76,7 @@ class Canvas:
         return pixels.clip(-1e4, 1e4)
 
     def _pixel(self, place: Float[np.ndarray, "2"] | Pixel) -> Pixel:
-        (x, y) = self._pixels(np.reshape(place, (1, 2)))[0].tolist()
+        x, y = self._pixels(np.reshape(place, (1, 2)))[0].tolist()
         return x, y
 
     @staticmethod
