@@ -5,6 +5,12 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
+# Compiling games is most of the suite's time, and takes a third of it so. What XLA makes by default
+# is tested too (tests/equilibrium/test_compilation.py). Read when JAX first looks for devices.
+os.environ.setdefault(
+    "XLA_FLAGS", "--xla_backend_optimization_level=0 --xla_cpu_use_fusion_emitters=false"
+)
+
 import jax
 import matplotlib
 import pytest

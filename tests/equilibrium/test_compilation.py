@@ -2,8 +2,8 @@
 
 jaxlib 0.8 to 0.10 reads wrong entries of some fused vectors on processors with AVX2 (see
 `stagewise.solve_stages`); the interior-point method then still ends somewhere, only later or not at
-all. Here every part of a Newton step is run as compiled for speed and as compiled without any
-optimisation.
+all. Here every part of a Newton step is run as compiled for speed, which is what users run, and as
+compiled without any optimisation, which is how all other tests are (tests/conftest.py).
 """
 
 import jax
@@ -30,12 +30,14 @@ from foresight_env.scenarios.crosswalk import crosswalk_game, nominal_setting
 
 HORIZONS = (7, 17)
 """Short and long enough for the vectorised loops, whose first step takes 16 stages."""
-PLAIN = {"xla_backend_optimization_level": 0}
+FAST = {"xla_backend_optimization_level": 3, "xla_cpu_use_fusion_emitters": True}
+"""XLA's defaults."""
+PLAIN = {"xla_backend_optimization_level": 0, "xla_cpu_use_fusion_emitters": False}
 
 
 def same(function, *arguments):
     """Both results, entry by entry."""
-    fast = jax.tree.leaves(jax.jit(function)(*arguments))
+    fast = jax.tree.leaves(jax.jit(function, compiler_options=FAST)(*arguments))
     plain = jax.tree.leaves(jax.jit(function, compiler_options=PLAIN)(*arguments))
     for a, b in zip(fast, plain, strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-9 * (1.0 + np.abs(b).max(initial=0.0)))
@@ -116,7 +118,8 @@ def check_stage_system(random, a, b, rows, equal_sizes):
             factor = factorise(StageSystem(hessian, curvature, a, b, rho), equal_sizes)
             return solve_stages(factor, r_x, r_u, defect, jnp.asarray(dx0), m - rows)
 
-        dx, first, others = (np.asarray(v) for v in jax.jit(solved)(*arguments))
+        fast = jax.jit(solved, compiler_options=FAST)
+        dx, first, others = (np.asarray(v) for v in fast(*arguments))
     du = np.concatenate([first, others], axis=1)
     before = np.concatenate([dx0[None], dx[:-1]])
     moved = np.einsum("tij,tj->ti", a, before) + np.einsum("tij,tj->ti", b, du) + defect

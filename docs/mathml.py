@@ -1,0 +1,24 @@
+"""A hook of mkdocs: formulas become MathML, which browsers draw without scripts or network.
+
+`$...$` within a paragraph and `$$...$$` on lines of their own, outside code; links from `docs/`
+to files of the project that are no pages become plain names.
+"""
+
+import re
+
+from latex2mathml.converter import convert
+
+CODE = re.compile(r"(^```.*?^```|`[^`\n]+`)", re.MULTILINE | re.DOTALL)
+BLOCK = re.compile(r"^\$\$\n(.*?)\n\$\$", re.MULTILINE | re.DOTALL)
+INLINE = re.compile(r"\$([^$]+?)\$")
+OUTSIDE = re.compile(r"\[([^\]]+)\]\(\.\./[^)]+\)")
+
+
+def on_page_markdown(markdown, **_):
+    """Formulas and links of one page; code stays as it is."""
+    parts = CODE.split(OUTSIDE.sub(r"\1", markdown))
+    for k in range(0, len(parts), 2):
+        block = BLOCK.sub(lambda m: convert(m[1], display="block"), parts[k])
+        # In a span: at the beginning of a line Markdown would take `<math>` for a block.
+        parts[k] = INLINE.sub(lambda m: f"<span>{convert(m[1])}</span>", block)
+    return "".join(parts)
