@@ -5,14 +5,19 @@ SHELL := /bin/bash
 PYTHON ?= $(firstword $(foreach p,python3.11 python3.12 python3.13 python3,$(if $(shell command -v $(p)),$(p))))
 BIN := .venv/bin
 INSTALLED := .venv/.installed
-SOURCES := foresight_env agents evaluation benchmarks examples tests
+DOCS_INSTALLED := .venv/.docs_installed
+SOURCES := foresight_env agents evaluation benchmarks docs examples tests
+# `make paper DATA=inD/data`: the paper's own window; else a recording that the project makes.
+DATA ?=
+WINDOW ?= --recording 07 --tracks 201,205,207,208 --frames 26158:26320 --every 6
+PAPER ?= results/paper
 
 # Compiled programs are kept between runs; the library itself sets nothing of the kind.
 export JAX_COMPILATION_CACHE_DIR ?= $(CURDIR)/.cache/jax
 export JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS ?= 0.3
 export JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES ?= -1
 
-.PHONY: help demo test lint format bench clean
+.PHONY: help demo test lint format bench paper docs clean
 
 help: ## Show this list
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
@@ -41,6 +46,20 @@ format: $(INSTALLED) ## Format the code and sort its imports
 bench: $(INSTALLED) ## Measure speed and accuracy
 	$(BIN)/python -m benchmarks $(ARGS)
 
+paper: $(INSTALLED) ## The paper's studies at full size, and a report (under an hour on two cores)
+	$(BIN)/foresight evaluate crosswalk --levels 50 --sequences 50 --episodes 100 --out $(PAPER)/crosswalk
+	$(BIN)/foresight evaluate intersection $(if $(DATA),--data $(DATA) $(WINDOW)) --levels 11 --sequences 5 --out $(PAPER)/intersection
+	$(BIN)/foresight evaluate driving --episodes 50 --out $(PAPER)/driving
+	$(BIN)/foresight report $(PAPER) --markdown docs/results.md
+
+$(DOCS_INSTALLED): $(INSTALLED)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[docs]'
+	@touch $@
+
+docs: $(DOCS_INSTALLED) ## Build the documentation site in site/ (executes the notebooks)
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+	@echo "page: site/index.html"
+
 clean: ## Remove caches and build products (keeps .venv and results)
-	rm -rf .cache .pytest_cache .mypy_cache .ruff_cache .hypothesis build dist *.egg-info
+	rm -rf .cache site .pytest_cache .mypy_cache .ruff_cache .hypothesis build dist *.egg-info
 	find $(SOURCES) -name __pycache__ -type d -prune -exec rm -rf {} +

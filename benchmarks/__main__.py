@@ -39,6 +39,7 @@ class Study(StrEnum):
     DRIVING = "driving"
     PREDICTION = "prediction"
     WINDOWS = "windows"
+    ROBUSTNESS = "robustness"
 
 
 def main(

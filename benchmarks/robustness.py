@@ -95,9 +95,14 @@ PARALLEL: dict[str, Callable[..., Any]] = {
 }
 """Environments that are used; few games are compiled."""
 
-SINGLE = ("foresight/Crosswalk-v0", "foresight/Intersection-v0", "foresight/Driving-v0")
-SHORT = {"planning_horizon": 6, "max_steps": 8}
-"""Of the Gymnasium ids, whose games they share with some of the above."""
+SINGLE: dict[str, dict[str, Any]] = {
+    "foresight/Crosswalk-v0": {"planning_horizon": 6, "max_steps": 12},
+    "foresight/Intersection-v0": {
+        "pedestrians": 1, "cars": 1, "planning_horizon": 6, "max_steps": 8
+    },
+    "foresight/Driving-v0": {"cars": 2, "planning_horizon": 4, "max_steps": 8},
+}  # fmt: skip
+"""Gymnasium ids with arguments; they share the games of the above."""
 
 WRONG_ARGUMENTS: dict[str, tuple[Any, ...]] = {
     "planning_horizon": (0, -1, 2.5, "long", None),
@@ -216,7 +221,7 @@ def _judge(name: str, env: Any, observations: Any, rewards: Any, infos: Any, tal
 
 def use_single(name: str, random: Random, tally: Tally) -> None:
     """One episode of a Gymnasium id with random actions."""
-    env = gymnasium.make(name, **SHORT)
+    env = gymnasium.make(name, **SINGLE[name])
     seen, _ = env.reset(seed=int(random.integers(2**31)))
     kinds, done = list(ACTIONS.values()), False
     while not done:
@@ -231,8 +236,9 @@ def use_single(name: str, random: Random, tally: Tally) -> None:
 
 FAULTS: dict[str, Callable[[Random, np.ndarray], np.ndarray]] = {
     "nothing wrong": lambda random, rows: rows,
-    "outliers": lambda random, rows: rows
-    + np.where(random.random(rows.shape) < 0.1, random.normal(0.0, 20.0, rows.shape), 0.0),
+    "outliers": lambda random, rows: (
+        rows + np.where(random.random(rows.shape) < 0.1, random.normal(0.0, 20.0, rows.shape), 0.0)
+    ),
     "huge outliers": lambda random, rows: np.where(random.random(rows.shape) < 0.05, 1e8, rows),
     "frozen sensor": lambda random, rows: np.concatenate(
         [rows[: len(rows) // 3], np.tile(rows[len(rows) // 3], (len(rows) - len(rows) // 3, 1))]
@@ -240,8 +246,9 @@ FAULTS: dict[str, Callable[[Random, np.ndarray], np.ndarray]] = {
     "an agent vanishes": lambda random, rows: _without(rows, len(rows) // 2),
     "an agent is never seen": lambda random, rows: _without(rows, 0),
     "nobody is seen": lambda random, rows: np.full_like(rows, np.nan),
-    "teleport": lambda random, rows: rows
-    + np.where(np.arange(len(rows)) > len(rows) // 2, 10.0, 0.0)[:, None],
+    "teleport": lambda random, rows: (
+        rows + np.where(np.arange(len(rows)) > len(rows) // 2, 10.0, 0.0)[:, None]
+    ),
     "standing still": lambda random, rows: np.tile(rows[0], (len(rows), 1)),
     "all in one place": lambda random, rows: np.zeros_like(rows),
     "gaps": lambda random, rows: np.where(random.random(rows.shape) < 0.5, np.nan, rows),
@@ -314,12 +321,8 @@ def use_predictor(random: Random, tally: Tally) -> None:
     missing = np.isnan(rows).any(axis=2)
     rows[missing] = np.nan
     rows[0, missing.all(axis=0)] = 0.0
-    headings = np.where(
-        np.isnan(rows[..., 2]), np.nan, np.arctan2(rows[..., 3], rows[..., 2])
-    )
-    history = History(
-        rows, headings, ("pedestrian", "pedestrian"), np.full((2, 2), 0.5), 0.4
-    )
+    headings = np.where(np.isnan(rows[..., 2]), np.nan, np.arctan2(rows[..., 3], rows[..., 2]))
+    history = History(rows, headings, ("pedestrian", "pedestrian"), np.full((2, 2), 0.5), 0.4)
     for predictor in PREDICTORS:
         name = f"predictor, {predictor}"
         forecast = make_predictor(predictor).predict(history, 6)

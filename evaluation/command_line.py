@@ -120,13 +120,20 @@ def report(
     episodes: Annotated[
         int, typer.Option(min=0, help="Per study, to be run again and stepped through.")
     ] = 4,
+    markdown: Annotated[
+        Path | None,
+        typer.Option(help="Also write the paper's numbers beside these, as Markdown, here."),
+    ] = None,
 ) -> None:
     """One page from a folder of results: tables, figures, failures, and episodes to step through.
 
     FOLDER/report.html needs no network; FOLDER/figures has every figure as PNG and PDF.
     """
+    from evaluation.comparison_page import write_comparison
     from evaluation.report import write_report
 
+    if markdown is not None:
+        typer.echo(f"comparison: {write_comparison(folder, markdown)}")
     typer.echo(f"page: {write_report(folder, episodes)}")
 
 

@@ -13,7 +13,7 @@ from rich.progress import track
 
 from evaluation.naming import label_of
 from evaluation.notes import Notes, Shown
-from evaluation.published import PUBLISHED
+from evaluation.published import compared
 from evaluation.replay import Replay, replay
 from evaluation.report_sections import Section, section
 from evaluation.store import Row, read_results, write_atomically
@@ -46,7 +46,8 @@ class Chapter:
     kept: list[Shown | str]
     failures: list[tuple[str, int, int, str]]
     """Method, trials, broken trials, what the first of these said."""
-    published: Sequence[tuple[str, str, str]]
+    published: Sequence[tuple[str, str, str, str]]
+    """What was measured, then the reference's number, the paper's and ours."""
     figures: list[Figure]
     replays: list[tuple[Replay, str]]
     """With why they were chosen."""
@@ -80,7 +81,7 @@ def write_report(folder: Path, episodes: int = 4) -> Path:
                 part,
                 notes.kept,
                 _failures(results.rows),
-                PUBLISHED.get(results.study, ()),
+                compared(results),
                 figures,
                 replays,
             )

@@ -40,6 +40,29 @@ def test_a_plain_function_predicts():
     assert all(0.0 < error < 2.0 for error in errors.values())
 
 
+def test_many_environments_are_stepped_together():
+    returns = example("many_at_once")["main"](modes=("sync", "vector_entry_point"))
+    np.testing.assert_allclose(returns["sync"], returns["vector_entry_point"], rtol=1e-4)
+
+
+def test_wrappers(tmp_path):
+    made = example("wrappers")
+    assert made["film"](tmp_path, steps=4).stat().st_size > 1000
+    shape, earned = made["stacked"](steps=3)
+    assert shape == (4, 6)
+    assert earned < 0.0
+    earned = made["agent_by_agent"](steps=3)
+    assert set(earned) == {"car_0", "car_1"}
+    assert all(value < 0.0 for value in earned.values())
+
+
+def test_stable_baselines_trains():
+    pytest.importorskip("stable_baselines3")
+    before, after = example("train_sb3")["main"](steps=256, judged=2)
+    assert before < 0.0
+    assert after < 0.0
+
+
 def test_a_pytorch_model_predicts():
     pytest.importorskip("torch")
     losses = example("own_torch_predictor")["main"]()

@@ -6,12 +6,14 @@ import importlib
 import inspect
 import json
 import re
+import shlex
 import subprocess
 import sys
 from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
+import typer
 
 import foresight_env
 
@@ -123,6 +125,31 @@ def test_documented_code_runs(name, tmp_path, monkeypatch):
     """All blocks of a file, one after the other, in one namespace."""
     monkeypatch.chdir(tmp_path)
     exec(compile(blocks()[name], name, "exec"), {"__name__": "__main__"})
+
+
+def commands():
+    """Lines that call `foresight` in shell blocks and tables of the documentation."""
+    found = []
+    for path in [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]:
+        text = path.read_text(encoding="utf-8").replace("\\\n", " ")
+        shell = re.findall(r"^```sh\n(.*?)^```", text, re.M | re.S)
+        found += [line for block in shell for line in block.splitlines()]
+        told = re.sub(r"^```.*?^```", "", text, flags=re.M | re.S)
+        found += re.findall(r"`(foresight [^`]+)`", told)
+    return sorted({line.split("#")[0].strip() for line in found if line.startswith("foresight ")})
+
+
+@pytest.mark.parametrize("line", commands())
+def test_documented_commands_exist(line):
+    """Every name and option that documentation tells is one; nothing is run."""
+    from evaluation.command_line import app
+
+    command, words = typer.main.get_command(app), shlex.split(line)[1:]
+    while words and words[0] in getattr(command, "commands", {}):
+        command = command.commands[words.pop(0)]
+    assert not words or not getattr(command, "commands", {}), f"{line}: no such command"
+    known = {name for parameter in command.params for name in parameter.opts}
+    assert {word for word in words if word.startswith("--")} <= known
 
 
 def test_there_is_documented_code():

@@ -3,7 +3,9 @@
 import json
 import re
 from html.parser import HTMLParser
+from pathlib import Path
 
+import numpy as np
 import pytest
 from made_rows import episode_rows, estimation_rows
 from PIL import Image
@@ -11,12 +13,15 @@ from rich.table import Table
 
 from evaluation import closed_loop, prediction
 from evaluation.closed_loop import ClosedLoop
+from evaluation.comparison_page import write_comparison
+from evaluation.endings import COLLISION, REACHED
 from evaluation.notes import Notes
+from evaluation.published import compared
 from evaluation.replay import replay
 from evaluation.report import write_report
 from evaluation.run_setting import RunSetting
 from evaluation.sample import write_sample
-from evaluation.store import Store, StoreError
+from evaluation.store import Results, Store, StoreError
 
 STEPS = ("state", "seen", "planned", "predicted", "gammas", "failed")
 
@@ -91,6 +96,66 @@ def test_every_study_is_told(results):
         else:
             box = re.search(rb"/MediaBox \[ 0 0 ([\d.]+) ", figure.read_bytes())
             assert float(box[1]) == pytest.approx(7.16 * 72.0, abs=0.1)
+
+
+def test_the_paper_s_numbers_stand_beside_the_rows_own(results, tmp_path):
+    page = tmp_path / "page.md"
+    write_comparison(results, page)
+    lines = page.read_text().splitlines()
+    rows = estimation_rows()
+    expected = [
+        np.mean([r["error_squared"] for r in rows if (r["observation"], r["method"]) == key])
+        for key in (("full", "farsighted"), ("full", "foresight"))
+    ]
+    for name, reference, value in zip(
+        ("gamma = 1", "gamma inferred"), ("0.608", "0.176"), expected, strict=True
+    ):
+        assert f"| mean error from full states, {name} | {reference} | - | {value:.3g} |" in lines
+    with pytest.raises(ValueError, match="no study that the paper has numbers of"):
+        write_comparison(results / "c", page)
+
+
+def intersection_rows():
+    """Errors of 2 and 1 with full states, of 4 and 3 with positions, with and without noise."""
+    return [
+        {"observation": o, "std": std, "method": m, "error": "", "error_squared": value}
+        for o, base in (("full", 1.0), ("positions", 3.0))
+        for m, value in (("foresight", base), ("farsighted", base + 1.0))
+        for std in (0.0, 0.1)
+    ]
+
+
+def driving_rows():
+    return [
+        {
+            "scene": "left_turn", "others": others, "ego": "foresight", "error": "",
+            "ended": REACHED if seed else COLLISION, "min_distance": 6.5 + seed,
+        }
+        for others in ("receding", "idm")
+        for seed in range(3)
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("study", "rows", "expected"),
+    [
+        ("intersection", intersection_rows(), {"error saved by inferring gamma": "38%"}),
+        (
+            "driving",
+            driving_rows(),
+            {
+                "left turn, gamma inferred: nearest to another car's middle": "6.50 m / 6.50 m",
+                "left turn, gamma inferred: goal reached": "2 of 3 / 2 of 3",
+                "left turn, gamma inferred: collisions": "1 of 3 / 1 of 3",
+            },
+        ),
+    ],
+)
+def test_numbers_that_the_paper_states(study, rows, expected):
+    told = {what: here for what, *_, here in compared(Results(Path(), study, {}, "", "", rows))}
+    assert expected.items() <= told.items()
+    nothing = compared(Results(Path(), study, {}, "", "", []))
+    assert {here for *_, here in nothing} == {""}
 
 
 def test_episodes_are_played_again(tmp_path):

@@ -1,0 +1,48 @@
+"""`foresight report DIR --markdown FILE`: the paper, its reference and these results together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from evaluation.published import compared
+from evaluation.store import Results, read_results, write_atomically
+
+TITLES = {
+    "estimation": "Crosswalk: inferring foresight",
+    "intersection": "Intersection: a window of people and cars",
+    "driving": "Driving: an unprotected left turn (among game agents / among IDM cars)",
+}
+"""By a study's name; others have nothing published to be put beside."""
+HEAD = """# Results beside the paper's
+
+Written by `make paper`; what else was measured is in [measurements](measurements.md). *Reference*:
+the implementation that the paper's authors published; *paper*: its statements. A dash: nothing is
+said.
+"""
+
+
+def write_comparison(folder: Path, path: Path) -> Path:
+    """Write the Markdown page of all studies in and below a folder; its path.
+
+    `ValueError`: none of them has anything published to be put beside.
+    """
+    found = [read_results(manifest.parent) for manifest in sorted(folder.rglob("manifest.json"))]
+    sections = [_section(results) for results in found if results.study in TITLES and results.rows]
+    if not sections:
+        raise ValueError(f"{folder}: holds no study that the paper has numbers of")
+    write_atomically(path, "\n".join([HEAD, *sections]).encode())
+    return path
+
+
+def _section(results: Results) -> str:
+    broken = sum(bool(row["error"]) for row in results.rows)
+    told = f"{len(results.rows)} trials, {broken} of them broken; {results.machine}, "
+    lines = [f"## {TITLES[results.study]}", "", told + f"foresight_env {results.version}.", ""]
+    lines += _table(("measured", "reference", "paper", "this library"), compared(results))
+    return "\n".join(lines)
+
+
+def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    lines = [head, ["---", *("---:" for _ in head[1:])], *rows]
+    return ["| " + " | ".join(cell or "-" for cell in line) + " |" for line in lines] + [""]
