@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -43,6 +45,8 @@ class Evaluation(NamedTuple):
     complementarity: Scalar
 
 
+# A program evaluates at a dozen places: `jit` traces it for one of them.
+@partial(jax.jit, static_argnums=0)
 def evaluate(
     layout: Layout,
     pairs: Pairs,

@@ -7,6 +7,7 @@ trajectory is the equilibrium of the parameters.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -77,6 +78,7 @@ def residuals(problem: Problem, data: Data, values: Array, x0: AnyArray, x: Arra
     return jnp.concatenate([seen.ravel(), data.prior_root @ (values - data.prior_mean)])
 
 
+@partial(jax.jit, static_argnums=0)
 def evaluate_fit(
     problem: Problem,
     data: Data,
