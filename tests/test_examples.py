@@ -47,7 +47,7 @@ def test_many_environments_are_stepped_together():
 
 def test_wrappers(tmp_path):
     made = example("wrappers")
-    assert made["film"](tmp_path, steps=4).stat().st_size > 1000
+    assert made["film"](tmp_path / "film", steps=4).stat().st_size > 1000
     shape, earned = made["stacked"](steps=3)
     assert shape == (4, 6)
     assert earned < 0.0

@@ -22,7 +22,7 @@ def test_a_notebook_runs(path, tmp_path):
     notebook = nbformat.read(path, as_version=4)
     code = [cell for cell in notebook.cells if cell.cell_type == "code"]
     assert all(cell.outputs == [] for cell in code)  # outputs are made, not stored
-    NotebookClient(notebook, PATIENCE, resources={"metadata": {"path": tmp_path}}).execute()
+    NotebookClient(notebook, timeout=PATIENCE, resources={"metadata": {"path": tmp_path}}).execute()
     kinds = [out.output_type for cell in code for out in cell.outputs]
     assert "display_data" in kinds  # a picture
     assert "stream" in kinds  # a number

@@ -47,7 +47,7 @@ class Equilibrium(NamedTuple):
     begin."""
 
 
-@partial(jax.jit, static_argnums=(0, 1))
+@partial(jax.jit, static_argnums=(0, 1), inline=True)
 def _solve(layout: Layout, options: Options, parameters: Parameters, start: Start) -> Equilibrium:
     """Attempts until one succeeds; module `start` says where each begins."""
     accuracy = accuracy_of(options, start.barrier)

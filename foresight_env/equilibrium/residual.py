@@ -45,8 +45,9 @@ class Evaluation(NamedTuple):
     complementarity: Scalar
 
 
-# A program evaluates at a dozen places: `jit` traces it for one of them.
-@partial(jax.jit, static_argnums=0)
+# A program evaluates at a dozen places, and is traced once so. Inlined, since XLA folds constants
+# into calls, and fails (jaxlib 0.10) where that leads it to a call of LAPACK.
+@partial(jax.jit, static_argnums=0, inline=True)
 def evaluate(
     layout: Layout,
     pairs: Pairs,

@@ -78,7 +78,7 @@ def residuals(problem: Problem, data: Data, values: Array, x0: AnyArray, x: Arra
     return jnp.concatenate([seen.ravel(), data.prior_root @ (values - data.prior_mean)])
 
 
-@partial(jax.jit, static_argnums=0)
+@partial(jax.jit, static_argnums=0, inline=True)
 def evaluate_fit(
     problem: Problem,
     data: Data,
