@@ -31,6 +31,7 @@ from evaluation.figures import (
 )
 from evaluation.heatmap import heatmap
 from evaluation.intersection_report import (
+    SNAPSHOT,
     error_over_noise,
     print_errors,
     print_gammas,
@@ -212,12 +213,13 @@ def evaluate_intersection(
         out / "study", choice, levels, sequences, parameters=parameters, workers=workers
     )
     print_errors(console, rows)
-    print_gammas(console, case, rows)
+    print_gammas(console, rows)
     with console.status("predicting from the first steps alone"):
         predictions = intersection_study.predict(case, at, parameters)
     print_predictions(console, case, at, predictions)
     _tell(console, error_over_noise(rows, out / "error_against_noise.png"))
-    _tell(console, snapshot(case, at, predictions, out / "snapshot.png"))
+    snapshot(case, at, predictions, out / f"{SNAPSHOT}.pdf")
+    _tell(console, snapshot(case, at, predictions, out / f"{SNAPSHOT}.png"))
 
 
 def evaluate_prediction(

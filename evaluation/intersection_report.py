@@ -22,6 +22,8 @@ from foresight_env.scenarios.junction import JUNCTION_REGION
 
 PLAIN = "{x:g}"
 """Of errors along a logarithmic axis."""
+SNAPSHOT = "snapshot"
+"""Name of the picture of a prediction, beside the study's folder."""
 VIEW_MARGIN = 4.0
 """Free space around everybody in the snapshot, m."""
 
@@ -74,7 +76,7 @@ def print_errors(console: Console, rows: Sequence[Row]) -> None:
         console.print(f"[red]{unsolved} fits not solved, {broken} trials broke[/red]")
 
 
-def print_gammas(console: Console, case: Case, rows: Sequence[Row]) -> None:
+def print_gammas(console: Console, rows: Sequence[Row]) -> None:
     """Inferred discount factors at the least noise, by class of agent."""
     table = Table(title="Inferred discount factors, least noise: 90 % intervals")
     for name in ("class", "agent", "observed", "gamma", "interval"):
@@ -82,14 +84,15 @@ def print_gammas(console: Console, case: Case, rows: Sequence[Row]) -> None:
     mine = [r for r in rows if r["method"] == "foresight" and not r["error"] and r["gamma"]]
     least = min((r["std"] for r in mine), default=0.0)
     chosen = [r for r in mine if r["std"] == least and r["sequence"] == 0]
-    for kind in dict.fromkeys(case.kinds):
+    kinds = chosen[0]["kinds"] if chosen else []
+    for kind in dict.fromkeys(kinds):
         values = []
-        for i in (i for i, k in enumerate(case.kinds) if k == kind):
+        for i in (i for i, k in enumerate(kinds) if k == kind):
             for row in chosen:
                 low, high = row["gamma_low"][i], row["gamma_high"][i]
                 told = f"{low:.2f} to {high:.2f}" if row["gamma_determined"][i] else "open"
                 table.add_row(
-                    kind, case.agents[i], row["observation"], f"{row['gamma'][i]:.2f}", told
+                    kind, row["agents"][i], row["observation"], f"{row['gamma'][i]:.2f}", told
                 )
                 values.append(row["gamma"][i])
         if values:

@@ -34,6 +34,8 @@ from foresight_env.inverse import (
 from foresight_env.scenarios.intersection import player_theta
 
 KEY = ("observation", "std", "sequence", "method")
+SCHEMA = 2
+"""Counted up when rows get other columns or mean something else: older folders are refused."""
 METHODS = ("foresight", "farsighted", "constant velocity")
 PARAMETERS = {
     "goals": ("goal",),
@@ -167,6 +169,8 @@ def run_sequence(
         "average_displacement": average,
         "seconds": seconds,
         "solved": True,
+        "agents": list(case.agents),
+        "kinds": list(case.kinds),
         "gamma": [],
         "gamma_low": [],
         "gamma_high": [],
@@ -198,7 +202,7 @@ def study(
     run again.
     """
     told = {name: str(getattr(choice, name)) for name in choice.__dataclass_fields__}
-    store = Store(folder, "intersection", {**told, "parameters": parameters}, KEY)
+    store = Store(folder, "intersection", {**told, "parameters": parameters, "schema": SCHEMA}, KEY)
     trials: list[dict[str, Any]] = [
         {
             "observation": o,

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
+from shutil import copyfile
 
 from rich.console import Console
 
@@ -17,7 +18,12 @@ from evaluation.closed_loop import summarise
 from evaluation.driving_report import OTHERS, distances_over_time, place, print_driving
 from evaluation.endings import COLLISION
 from evaluation.figures import closed_loop_summary, error_against_noise
-from evaluation.intersection_report import error_over_noise, print_errors
+from evaluation.intersection_report import (
+    SNAPSHOT,
+    error_over_noise,
+    print_errors,
+    print_gammas,
+)
 from evaluation.naming import label_of
 from evaluation.prediction_report import error_over_time, print_prediction
 from evaluation.provenance import fingerprint
@@ -68,6 +74,11 @@ class _Plain:
         return Section(self.title, results, {self.name: figure})
 
 
+def _print_intersection(notes: Console, rows: Sequence[Row]) -> None:
+    print_errors(notes, rows)
+    print_gammas(notes, rows)
+
+
 PLAIN = {
     "estimation": _Plain(
         "Crosswalk: how well foresight is inferred",
@@ -78,7 +89,7 @@ PLAIN = {
     ),
     "intersection": _Plain(
         "Intersection: a recorded window",
-        print_errors,
+        _print_intersection,
         "error_over_noise",
         error_over_noise,
         "Trajectory error over noise, gamma inferred, gamma = 1 and constant velocity",
@@ -90,16 +101,19 @@ PLAIN = {
 def section(results: Results, notes: Console) -> Section:
     """Print a study's tables on `notes` and say what else belongs to it."""
     makers = {
+        "intersection": _intersection,
         "closed loop": _closed_loop,
         "driving": _driving,
         "prediction": _prediction,
         "benchmark, open loop": _open_benchmark,
         "benchmark, closed loop": _closed_benchmark,
     }
+    maker = makers.get(results.study)
+    if maker is not None:
+        return maker(results, notes)
     if results.study in PLAIN:
         return PLAIN[results.study].section(results, notes)
-    maker = makers.get(results.study, _other)
-    return maker(results, notes)
+    return _other(results, notes)
 
 
 def present(rows: Sequence[Row], column: str) -> list[Row]:
@@ -119,6 +133,19 @@ def present(rows: Sequence[Row], column: str) -> list[Row]:
 def _names(rows: Sequence[Row], column: str) -> tuple[str, ...]:
     """In the order in which they first appear, those with a finished trial."""
     return tuple(dict.fromkeys(r[column] for r in rows if not r["error"]))
+
+
+def _intersection(results: Results, notes: Console) -> Section:
+    """Rows tell nothing of the recording itself, which need not be here any more."""
+    found = PLAIN["intersection"].section(results, notes)
+    kept = results.folder.parent / SNAPSHOT
+    if all(kept.with_suffix(f".{kind}").exists() for kind in ("png", "pdf")):
+        found.figures[SNAPSHOT] = (
+            lambda path: Path(copyfile(kept.with_suffix(path.suffix), path)),
+            "What each method expects from the first steps: dots seen, coloured lines predicted, "
+            "broad ones what happened",
+        )
+    return found
 
 
 def _closed_loop(results: Results, notes: Console) -> Section:

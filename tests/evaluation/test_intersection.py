@@ -19,6 +19,7 @@ from evaluation.intersection_report import (
 from evaluation.intersection_study import METHODS, observe, predict, straight, study
 from evaluation.intersection_window import Case, Choice, WindowError, difference, fitted_game, load
 from evaluation.junction_sample import FRAMES, TRACKS, write_junction_sample
+from evaluation.report import write_report
 from evaluation.statistics import mean_and_error
 from foresight_env.scenarios.junction import LANES
 
@@ -158,7 +159,7 @@ def test_a_small_study(folder, tmp_path, monkeypatch):
         assert p.average_error == pytest.approx(gap.mean())
     console = Console(record=True, width=100)
     print_errors(console, rows)
-    print_gammas(console, case, rows)
+    print_gammas(console, rows)
     print_predictions(console, case, 5, predictions)
     told = console.export_text()
     for word in ("gamma inferred", "constant velocity", "pedestrian", "Seen 5 steps"):
@@ -169,6 +170,11 @@ def test_a_small_study(folder, tmp_path, monkeypatch):
     ):
         with Image.open(path) as image:
             assert image.width > 600
+    snapshot(case, 5, predictions, tmp_path / "snapshot.pdf")
+    page = write_report(tmp_path).read_text()
+    for word in ("Inferred discount factors", "205", "dots seen", "error saved by inferring"):
+        assert word in page
+    assert (tmp_path / "figures" / "rows_snapshot.pdf").stat().st_size > 1000
     with pytest.raises(ValueError, match="--at"):
         predict(case, 8, "goals")
 
