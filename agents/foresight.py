@@ -15,6 +15,7 @@ from jaxtyping import Float
 
 from agents.motion import player_positions, present_state
 from agents.own_state import observation_variance
+from agents.perception import Perception
 from agents.planning import Plan, plan_equilibrium
 from agents.policy import Decision
 from agents.predict_then_plan import PlanMemory, constant_velocity
@@ -88,8 +89,11 @@ class Foresight:
         """See `EgoPolicy`."""
         seen = np.asarray(observation[:-2], dtype=float)
         scene, state = memory.scene, memory.state
+        early = constant_velocity().update(memory.early, observation, info)
+        if early.perception.missing:
+            return memory._replace(early=early)
         recent = np.stack([*(() if state is None else state.observations), seen])
-        guessed = self._guess(scene, memory.ego, recent[-self.window :])
+        guessed = self._guess(early.perception, recent[-self.window :])
         if state is None:
             gamma = np.full(scene.players, 0.8 if self.infer_gamma else 1.0)
             gamma[memory.ego] = scene.own(memory.ego).gamma
@@ -103,15 +107,15 @@ class Foresight:
                     for new, old in zip(guessed, state.theta, strict=True)
                 )
             )
-        early = constant_velocity().update(memory.early, observation, info)
         following = memory.estimator.update(state, seen)
         stale = following.failures > state.failures
         return memory._replace(state=following, early=early, stale=stale)
 
     def _guess(
-        self, scene: Scene, ego: int, recent: Float[np.ndarray, "K size"]
+        self, perception: Perception, recent: Float[np.ndarray, "K size"]
     ) -> list[dict[str, Any]]:
         """Own parameters as they are; others' as the scene lets one believe."""
+        scene, ego = perception.scene, perception.ego
         own = scene.own(ego)
         model = scene.observation_model(ego)
         found = []
@@ -119,9 +123,13 @@ class Foresight:
             if j == ego:
                 found.append(own.theta)
                 continue
-            state = present_state(player.dynamics, model, recent, j, scene.dt)
             track = player_positions(model, recent, j)
             track = track[~np.isnan(track).any(axis=1)]
+            if len(track):
+                state = present_state(player.dynamics, model, recent, j, scene.dt)
+            else:  # out of sight for long
+                state = perception.states()[j]
+                track = state[None, :2]
             found.append(scene.belief.guess(own.theta, track, state))
         return found
 

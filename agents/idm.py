@@ -63,6 +63,9 @@ class Idm:
     def act(self, memory: IdmMemory) -> tuple[Decision, IdmMemory]:
         """See `EgoPolicy`."""
         scene, ego = memory.perception.scene, memory.perception.ego
+        if memory.perception.missing:
+            decision, perception = memory.perception.waiting()
+            return decision, memory._replace(perception=perception)
         states = flipped_states(np.stack(memory.perception.states()))
         road = Road(memory.network, [], np_random=np.random.RandomState(0))
         own = IDMVehicle(

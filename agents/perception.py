@@ -7,41 +7,73 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from agents.motion import FIT_STEPS, present_state
+from agents.motion import FIT_STEPS, extrapolate, player_positions, present_state
 from agents.own_state import OwnState, follow_own_state
+from agents.planning import within_limits
+from agents.policy import Decision
+from foresight_env.envs.motion import braking
 from foresight_env.envs.scene import Scene
 
 
 class Perception(NamedTuple):
-    """Recent observations, and the ego's own state."""
+    """Recent observations, where everybody is by them, and the ego's own state."""
 
     scene: Scene
     ego: int
     observations: tuple[Float[np.ndarray, "size"], ...] = ()
     own: OwnState = OwnState()
+    known: tuple[Float[np.ndarray, "4"] | None, ...] = ()
+    """Everybody's state now by straight, even motion, also of those who are out of sight; None of
+    whom was never seen."""
 
     def taking(self, observation: Float[np.ndarray, "size"]) -> Perception:
         """With an observation of the environment, whose last two entries are the goal."""
         seen = np.asarray(observation[:-2], dtype=float)
         model = self.scene.observation_model(self.ego)
+        observations = (*self.observations, seen)[-FIT_STEPS:]
+        recent = np.stack(observations)
+        known: list[np.ndarray | None] = []
+        for j, player in enumerate(self.scene.game.players):
+            before = self.known[j] if self.known else None
+            if not np.isnan(player_positions(model, recent, j)).any(axis=1).all():
+                known.append(present_state(player.dynamics, model, recent, j, self.scene.dt))
+            else:
+                known.append(None if before is None else self._further(j, before))
         return self._replace(
-            observations=(*self.observations, seen)[-FIT_STEPS:],
+            observations=observations,
             own=follow_own_state(self.scene, self.ego, model, self.own, seen),
+            known=tuple(known),
         )
+
+    def _further(self, j: int, state: Float[np.ndarray, "4"]) -> Float[np.ndarray, "4"]:
+        return extrapolate(self.scene.game.players[j].dynamics, state, 1, self.scene.dt)[0]
 
     def acted(self, action: Float[np.ndarray, "m"]) -> Perception:
         """With what the ego does until the next observation."""
         return self._replace(own=self.own.acted(action))
 
-    def states(self) -> list[Float[np.ndarray, "4"]]:
-        """Where everybody is: the ego by what it did, the others by straight, even motion."""
+    @property
+    def missing(self) -> bool:
+        """Whether somebody who takes part was never seen yet: there is no game to plan in."""
         if not self.observations:
             raise ValueError("memory: holds no observation yet; call update before act")
-        model, seen = self.scene.observation_model(self.ego), np.stack(self.observations)
-        found = [
-            present_state(player.dynamics, model, seen, j, self.scene.dt)
-            for j, player in enumerate(self.scene.game.players)
-        ]
+        return any(state is None for state in self.known)
+
+    def states(self) -> list[Float[np.ndarray, "4"]]:
+        """Where everybody is: the ego by what it did, the others by straight, even motion."""
+        if self.missing:
+            raise ValueError("memory: somebody was never seen; a decision is to wait")
+        found = [state for state in self.known if state is not None]
         if self.own.mean is not None:
             found[self.ego] = self.own.mean
         return found
+
+    def waiting(self) -> tuple[Decision, Perception]:
+        """What to do while somebody was never seen: brake, or nothing where the ego is not seen."""
+        state = self.known[self.ego] if self.own.mean is None else self.own.mean
+        game = self.scene.game
+        action = np.zeros(game.players[self.ego].dynamics.control_size)
+        if state is not None:
+            action = braking(game, self.ego, state)
+        action = within_limits(game, self.ego, action).astype(np.float32)
+        return Decision(action, failed=True), self.acted(action)

@@ -29,7 +29,8 @@ class Plan(NamedTuple):
     """Which of the solved game's players the ego is."""
 
 
-def _within_limits(game: Game, player: int, control: np.ndarray) -> np.ndarray:
+def within_limits(game: Game, player: int, control: np.ndarray) -> np.ndarray:
+    """The nearest control that the player may apply."""
     box = game.players[player].control_bounds
     return control if box is None else np.clip(control, box.lower[0], box.upper[0])
 
@@ -55,7 +56,7 @@ def _decide(
     else:
         action = np.asarray(plan.solution.controls[plan.player][0])
         path = np.asarray(plan.solution.states[plan.player][1:, :2])
-    action = _within_limits(scene.game, ego, action).astype(np.float32)
+    action = within_limits(scene.game, ego, action).astype(np.float32)
     return Decision(action, path, predicted, gammas, not solved), plan
 
 

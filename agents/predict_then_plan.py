@@ -60,6 +60,8 @@ class PredictThenPlan:
     ) -> PlanMemory:
         """See `EgoPolicy`."""
         perception = memory.perception.taking(observation)
+        if perception.missing:
+            return memory._replace(perception=perception)
         # A single position says nothing of velocities: that state is forgotten with the next one.
         known = memory.track if len(memory.perception.observations) > 1 else ()
         track = (*known, np.stack(perception.states()))[-self.window :]
@@ -68,6 +70,9 @@ class PredictThenPlan:
     def act(self, memory: PlanMemory) -> tuple[Decision, PlanMemory]:
         """See `EgoPolicy`."""
         scene, ego = memory.perception.scene, memory.perception.ego
+        if memory.perception.missing:
+            decision, perception = memory.perception.waiting()
+            return decision, memory._replace(perception=perception)
         states = memory.perception.states()
         horizon = scene.game.horizon
         forecast = self.predictor.predict(history_of(scene, memory.track), horizon)

@@ -83,7 +83,9 @@ def main(batches: int = 20, frames: int = 600) -> list[float]:
     for batch in collector:
         with torch.no_grad():
             loss.value_estimator(
-                batch, params=loss.critic_network_params, target_params=loss.target_critic_network_params
+                batch,
+                params=loss.critic_network_params,
+                target_params=loss.target_critic_network_params,
             )
         buffer.extend(batch.reshape(-1))
         for _ in range(4 * frames // 100):

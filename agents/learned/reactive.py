@@ -17,6 +17,7 @@ from agents.learned.cloning import CloningNetwork
 from agents.learned.crosswalk_window import WINDOW, crosswalk_window
 from agents.learned.policy_network import PolicyNetwork
 from agents.learned.weights import FOLDER, load_network
+from agents.perception import Perception
 from agents.policy import Decision
 from foresight_env.envs.scene import Scene
 from foresight_env.scenarios.crosswalk import CONTROL_LIMIT
@@ -26,8 +27,9 @@ REACTIVE: dict[str, Any] = {"cloned": CloningNetwork, "ppo": PolicyNetwork}
 
 
 class ReactiveMemory(NamedTuple):
-    """The latest observations."""
+    """The latest observations, and where everybody is."""
 
+    perception: Perception
     observations: tuple[Float[np.ndarray, "10"], ...] = ()
 
 
@@ -55,14 +57,14 @@ class ReactiveEgo:
 
     def init(self, scene: Scene, agent: str | int) -> ReactiveMemory:
         """See `EgoPolicy`; `ValueError` where it has learned nothing of the scene."""
-        scene.index(agent)
+        ego = scene.index(agent)
         crosswalk = all(name.startswith("pedestrian") for name in scene.names)
         if not (crosswalk and scene.players == 2 and scene.observation == "full"):
             raise ValueError(
                 f"ego: {self.name} drives one of two pedestrians who see full states; expected the "
                 f"crosswalk with players=2 and observation='full', not {', '.join(scene.names)}"
             )
-        return ReactiveMemory()
+        return ReactiveMemory(Perception(scene, ego))
 
     def update(
         self,
@@ -71,14 +73,21 @@ class ReactiveEgo:
         info: Mapping[str, Any],
     ) -> ReactiveMemory:
         """See `EgoPolicy`."""
-        seen = np.asarray(observation, dtype=float)
-        return ReactiveMemory((*memory.observations, seen)[-WINDOW:])
+        perception = memory.perception.taking(observation)
+        if perception.missing:
+            return memory._replace(perception=perception)
+        own, other = perception.states()[perception.ego], perception.states()[1 - perception.ego]
+        moved = np.concatenate([own, other, observation[-2:]])
+        seen = np.where(np.isnan(observation), moved, observation)
+        return ReactiveMemory(perception, (*memory.observations, seen)[-WINDOW:])
 
     def act(self, memory: ReactiveMemory) -> tuple[Decision, ReactiveMemory]:
         """See `EgoPolicy`."""
-        if not memory.observations:
-            raise ValueError("memory: holds no observation yet; call update before act")
+        if memory.perception.missing:
+            decision, perception = memory.perception.waiting()
+            return decision, memory._replace(perception=perception)
         path = Path(self.weights) if self.weights else FOLDER / f"{self.name}.safetensors"
         seen = crosswalk_window(np.stack(memory.observations))
-        action = np.asarray(_said(_loaded(path), seen))
-        return Decision(np.clip(action, -CONTROL_LIMIT, CONTROL_LIMIT).astype(np.float32)), memory
+        action = np.clip(np.asarray(_said(_loaded(path), seen)), -CONTROL_LIMIT, CONTROL_LIMIT)
+        perception = memory.perception.acted(action)
+        return Decision(action.astype(np.float32)), memory._replace(perception=perception)

@@ -50,6 +50,33 @@ def same(one: Decision, other: Decision) -> bool:
     )
 
 
+def watched(policy, seen):
+    """Decisions of a crossing in which the other pedestrian is seen at these steps only."""
+    env = crossing()
+    observations, infos = env.reset(seed=0)
+    memory, decisions = policy.init(env.scene, EGO), []
+    while env.agents:
+        observation = observations[EGO].astype(float)
+        if len(decisions) not in seen:
+            observation[4:8] = np.nan
+        memory = policy.update(memory, observation, infos[EGO])
+        decision, memory = policy.act(memory)
+        decisions.append(decision)
+        assert env.action_space(EGO).contains(decision.action)
+        observations, _, _, _, infos = env.step({EGO: decision.action})
+    return decisions
+
+
+@pytest.mark.parametrize("name", ["constant-velocity", "kalman+plan", "foresight", "cloned", "ppo"])
+def test_somebody_is_out_of_sight(name):
+    """Beyond all that is remembered, seen late, or never."""
+    assert not any(d.failed for d in watched(ego(name), {0, 1}))
+    late = watched(ego(name), range(2, STEPS))
+    never = watched(ego(name), set())
+    assert [d.failed for d in late] == [k < 2 for k in range(STEPS)]
+    assert all(d.failed for d in never)
+
+
 @pytest.mark.parametrize("name", EGOS)
 def test_it_drives(name):
     decisions, infos = drive({EGO: ego(name)})
