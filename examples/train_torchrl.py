@@ -5,8 +5,9 @@ value network, which multi-agent PPO trains (Yu et al., NeurIPS 2022, without a 
 """
 
 import torch
+from pettingzoo.utils import BaseParallelWrapper
 from tensordict.nn import NormalParamExtractor, TensorDictModule
-from torchrl.collectors import SyncDataCollector
+from torchrl.collectors import Collector
 from torchrl.data import LazyTensorStorage, ReplayBuffer, SamplerWithoutReplacement
 from torchrl.envs import PettingZooWrapper, RewardSum, TransformedEnv
 from torchrl.modules import MultiAgentMLP, ProbabilisticActor, TanhNormal
@@ -20,10 +21,24 @@ DISCOUNT = 0.95
 SEEN = (GROUP, "observation")
 
 
+class Blindfold(BaseParallelWrapper):
+    """Without information: it holds what nobody is to know, and TorchRL wants plain arrays."""
+
+    def reset(self, seed=None, options=None):
+        """Observations only."""
+        observations, infos = self.env.reset(seed=seed, options=options)
+        return observations, {agent: {} for agent in infos}
+
+    def step(self, actions):
+        """Everything but the information."""
+        *results, infos = self.env.step(actions)
+        return (*results, {agent: {} for agent in infos})
+
+
 def make(steps: int = 30) -> TransformedEnv:
     """A crosswalk in which everybody learns; episodes have a return."""
     env = crosswalk_v0.parallel_env(players=PLAYERS, controlled="all", max_steps=steps)
-    wrapped = PettingZooWrapper(env, categorical_actions=False)
+    wrapped = PettingZooWrapper(Blindfold(env), categorical_actions=False)
     episode = (GROUP, "episode_reward")
     return TransformedEnv(wrapped, RewardSum(in_keys=[(GROUP, "reward")], out_keys=[episode]))
 
@@ -73,9 +88,7 @@ def main(batches: int = 20, frames: int = 600) -> list[float]:
     )
     loss.make_value_estimator(ValueEstimators.GAE, gamma=DISCOUNT, lmbda=0.9)
     optimiser = torch.optim.Adam(loss.parameters(), lr=1e-3)
-    collector = SyncDataCollector(
-        env, policy, frames_per_batch=frames, total_frames=frames * batches
-    )
+    collector = Collector(env, policy, frames_per_batch=frames, total_frames=frames * batches)
     buffer = ReplayBuffer(
         storage=LazyTensorStorage(frames), sampler=SamplerWithoutReplacement(), batch_size=100
     )

@@ -37,6 +37,8 @@ WORSE = 1.3
 """Rise of a larger misfit, as a ratio to the update before, after which one is; without a rise it
 is looked for once per window."""
 
+LEAST_SPECTRUM = 1e-13
+"""Least variance that a belief counts, as a part of its largest."""
 GIVE_UP = 4.0
 """Misfit of the first game of a fit from the last solution, as a ratio to the update before (or to
 `PLAUSIBLE`, if that is larger), above which the fit ends: the shifted solution has led to another
@@ -174,6 +176,10 @@ class OnlineEstimator:
             raise ValueError(
                 f"observation: has shape {np.shape(observation)}; expected ({self.model.size},), "
                 "what the observation model returns (an environment's observation without its goal)"
+            )
+        if np.isinf(observation).any():
+            raise ValueError(
+                "observation: holds an infinite number; expected numbers, or NaN where missing"
             )
         sliding = len(state.observations) == self.window
         observations = (*state.observations, np.asarray(observation, float))[-self.window :]
@@ -313,8 +319,12 @@ class OnlineEstimator:
         belief = next((b for b in state.beliefs if b.stage == start), None)
         if belief is None:
             return replace(self.prior, theta_center=state.first_theta)
-        information = np.linalg.inv(belief.covariance + np.diag(belief.widening**2))
-        information = 0.5 * (information + information.T)
+        # By its spectrum: after outliers a covariance has a condition at which an inverse is not
+        # positive any more.
+        covariance = belief.covariance + np.diag(belief.widening**2)
+        spectrum, basis = np.linalg.eigh(0.5 * (covariance + covariance.T))
+        spectrum = np.maximum(spectrum, LEAST_SPECTRUM * spectrum[-1])
+        information = (basis / spectrum) @ basis.T
         # The belief already contains the first prior; it is not counted again.
         return Prior(gamma_weight=0.0, mean=belief.mean, information=information)
 

@@ -272,10 +272,36 @@ def test_observations_of_another_size_are_refused():
     made, states = run()
     with pytest.raises(ValueError, match=r"observation: has shape \(10,\); expected \(8,\)"):
         made.update(states[0], np.zeros(10))
+    with pytest.raises(ValueError, match="observation: holds an infinite number"):
+        made.update(states[0], np.full(8, np.inf))  # the first one, which nothing is fitted to yet
     with pytest.raises(ValueError, match="free: expected a sequence of 2"):
         estimator(free=(Free(),)).init([{}, {}], 0.8)
     with pytest.raises(ValueError, match="free: an online estimator needs every player's initial"):
         estimator(free=Free()).init([{}, {}], 0.8)
+
+
+@pytest.mark.parametrize("huge", [1e3, 1e8])
+def test_outliers_leave_a_belief_to_go_on_from(huge):
+    """However large: no covariance that they lead to is one that the next update refuses."""
+    made, states = run()
+    state, random = states[WINDOW + 1], np.random.default_rng(2)
+    for row in seen()[WINDOW + 1 :]:
+        spoiled = np.where(random.random(8) < 0.2, huge, row)
+        state = made.update(state, spoiled)
+        assert np.isfinite(state.gamma).all()
+        assert all(np.isfinite(s).all() for s in state.present)
+
+
+def test_an_ill_conditioned_belief_is_still_one():
+    """Variances that lie 1e30 apart, as those after an outlier."""
+    made, states = run()
+    state = states[WINDOW + 1]
+    random = np.random.default_rng(3)
+    basis, _ = np.linalg.qr(random.normal(size=(len(state.beliefs[0].mean),) * 2))
+    spread = basis @ np.diag(np.logspace(-14, 16, len(basis))) @ basis.T
+    beliefs = tuple(b._replace(covariance=spread) for b in state.beliefs)
+    following = made.update(state._replace(beliefs=beliefs), seen()[WINDOW + 1])
+    assert following.failures == state.failures
 
 
 def test_a_fit_that_was_given_up_is_redone_where_nothing_is_better(monkeypatch):
