@@ -63,6 +63,13 @@ def test_stable_baselines_trains():
     assert after < 0.0
 
 
+def test_everybody_learns_with_torchrl():
+    pytest.importorskip("torchrl")
+    returns = example("train_torchrl")["main"](batches=1, frames=200)
+    assert len(returns) == 1
+    assert returns[0] < 0.0
+
+
 def test_a_pytorch_model_predicts():
     pytest.importorskip("torch")
     losses = example("own_torch_predictor")["main"]()
