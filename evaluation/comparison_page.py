@@ -14,6 +14,11 @@ TITLES = {
     "driving": "Driving: an unprotected left turn (among game agents / among IDM cars)",
 }
 """By a study's name; others have nothing published to be put beside."""
+NOTES = {
+    "intersection": "The reference's window is one of inD's. Without it (`make paper DATA=...`) "
+    "the study runs on a recording that the project makes itself: then errors do not compare, only "
+    "what is saved by inferring gamma does.",
+}
 HEAD = """# Results beside the paper's
 
 Written by `make paper`; what else was measured is in [measurements](measurements.md). *Reference*:
@@ -39,6 +44,8 @@ def _section(results: Results) -> str:
     broken = sum(bool(row["error"]) for row in results.rows)
     told = f"{len(results.rows)} trials, {broken} of them broken; {results.machine}, "
     lines = [f"## {TITLES[results.study]}", "", told + f"foresight_env {results.version}.", ""]
+    if results.study in NOTES:
+        lines += [NOTES[results.study], ""]
     lines += _table(("measured", "reference", "paper", "this library"), compared(results))
     return "\n".join(lines)
 
