@@ -15,6 +15,8 @@ TITLES = {
 }
 """By a study's name; others have nothing published to be put beside."""
 NOTES = {
+    "estimation": "The reference's descents begin at the true parameters, this library's at random "
+    "discount factors and last observed positions.",
     "intersection": "The reference's window is one of inD's. Without it (`make paper DATA=...`) "
     "the study runs on a recording that the project makes itself: then errors do not compare, only "
     "what is saved by inferring gamma does.",

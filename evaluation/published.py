@@ -43,7 +43,10 @@ def _chosen(rows: Sequence[Row], select: Select) -> list[Row]:
 def _error(select: Select, rows: Sequence[Row]) -> str:
     """Mean over what was selected, all noise levels."""
     errors = [r["error_squared"] for r in _chosen(rows, select)]
-    return f"{np.mean(errors):.3g}" if errors else ""
+    if not errors:
+        return ""
+    mean = float(np.mean(errors))
+    return f"{mean:.3g}" if mean < 1000.0 else f"{mean:.0f}"
 
 
 def _error_without_noise(select: Select, rows: Sequence[Row]) -> str:
