@@ -18,7 +18,9 @@ def on_page_markdown(markdown, **_):
     """Formulas and links of one page; code stays as it is."""
     parts = CODE.split(OUTSIDE.sub(r"\1", markdown))
     for k in range(0, len(parts), 2):
-        block = BLOCK.sub(lambda m: convert(m[1], display="block"), parts[k])
+        block = BLOCK.sub(
+            lambda m: f'<div class="formula">{convert(m[1], display="block")}</div>', parts[k]
+        )
         # In a span: at the beginning of a line Markdown would take `<math>` for a block.
         parts[k] = INLINE.sub(lambda m: f"<span>{convert(m[1])}</span>", block)
     return "".join(parts)
