@@ -390,7 +390,7 @@ def rough_use(seconds: float, least: int, seed: int = 0) -> tuple[Tally, list[fl
     begin, memory = time.monotonic(), [resident_memory()]
     while (passed := time.monotonic() - begin) < seconds or tally.done.total() < least:
         once(str(random.choice(list(every), p=weights / weights.sum())))
-        if passed > len(memory) * seconds / 10.0:
+        if passed > len(memory) * seconds / 10.0 > 0.0:
             memory.append(resident_memory())
     return tally, [*memory, resident_memory()]
 

@@ -4,7 +4,7 @@ from benchmarks.robustness import rough_use, uses
 
 
 def test_nothing_breaks():
-    tally, memory = rough_use(seconds=5.0, least=0, seed=1)
+    tally, memory = rough_use(seconds=0.0, least=150, seed=1)
     assert tally.violations == []
     kinds = {name.split(",")[0] for name in tally.done}
     assert {name.split(",")[0].removesuffix("s") for name in uses()} <= {
