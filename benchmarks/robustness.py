@@ -31,8 +31,8 @@ from foresight_env.scenarios.crosswalk import crosswalk_game, nominal_setting, p
 
 MINUTES = 60.0
 QUICK_MINUTES = 2.0
-EPISODES = 10_000
-"""Environment episodes that the full study runs at least, however long they take."""
+LEAST_USES = 10_000
+"""Uses (episodes, streams of observations, forecasts) that the full study makes at least."""
 MEBIBYTE = 2**20
 WINDOW = 5
 HORIZON = 10
@@ -371,7 +371,7 @@ def uses() -> dict[str, tuple[Use, float]]:
 
 
 def rough_use(seconds: float, least: int, seed: int = 0) -> tuple[Tally, list[float]]:
-    """Use everything once, then at random for `seconds` and until `least` episodes are done.
+    """Use everything once, then at random for `seconds` and until `least` uses are done.
 
     Also returns the memory of this process (MiB) after each tenth of the time, the first of them
     when everything had been used once.
@@ -406,7 +406,7 @@ def resident_memory() -> float:
 
 def run(setting: Setting) -> list[Result]:
     """The study; `quick` takes two minutes."""
-    minutes, least = (QUICK_MINUTES, 0) if setting.quick else (MINUTES, EPISODES)
+    minutes, least = (QUICK_MINUTES, 0) if setting.quick else (MINUTES, LEAST_USES)
     begin = time.monotonic()
     tally, memory = rough_use(60.0 * minutes, least)
     passed = (time.monotonic() - begin) / 60.0

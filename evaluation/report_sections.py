@@ -100,7 +100,7 @@ PLAIN = {
 
 def section(results: Results, notes: Console) -> Section:
     """Print a study's tables on `notes` and say what else belongs to it."""
-    makers = {
+    makers = {name: plain.section for name, plain in PLAIN.items()} | {
         "intersection": _intersection,
         "closed loop": _closed_loop,
         "driving": _driving,
@@ -108,12 +108,7 @@ def section(results: Results, notes: Console) -> Section:
         "benchmark, open loop": _open_benchmark,
         "benchmark, closed loop": _closed_benchmark,
     }
-    maker = makers.get(results.study)
-    if maker is not None:
-        return maker(results, notes)
-    if results.study in PLAIN:
-        return PLAIN[results.study].section(results, notes)
-    return _other(results, notes)
+    return makers.get(results.study, _other)(results, notes)
 
 
 def present(rows: Sequence[Row], column: str) -> list[Row]:
