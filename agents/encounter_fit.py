@@ -44,6 +44,13 @@ class EncounterBelief(NamedTuple):
         """Center and weight of the belief about a discount factor."""
         return self.driving_gamma if is_vehicle(kind) else self.walking_gamma
 
+    def gamma_deviation(self, kind: str) -> float:
+        """Of that belief: a weight `w` on a square stands for a Gaussian of deviation `1/sqrt(w)`.
+
+        Objectives here are sums of whitened squares, without the half (`inverse.Prior`).
+        """
+        return float(self.gamma(kind)[1] ** -0.5)
+
     def wish_deviation(self, kind: str) -> Float[np.ndarray, "2"]:
         """Of the entries of a wish: a velocity, or speed and curvature."""
         if is_vehicle(kind):

@@ -66,10 +66,11 @@ class KktResidualPredictor:
     ) -> Float[np.ndarray, "7"]:
         """Discount factor, wish, and the value of the last state (a costate) of one agent."""
         kind = history.kinds[agent]
-        center, weight = self.belief.gamma(kind)
+        center, _ = self.belief.gamma(kind)
         wish = np.asarray(latest_wish(history, agent), dtype=float)
         start = np.array([center, *wish, 0.0, 0.0, 0.0, 0.0])
-        precision = np.array([np.sqrt(2.0 * weight), *(1.0 / self.belief.wish_deviation(kind))])
+        deviations = [self.belief.gamma_deviation(kind), *self.belief.wish_deviation(kind)]
+        precision = 1.0 / np.array(deviations)
         if len(states) < 2:
             return start
         shape = (history.kinds, history.dt, agent)

@@ -83,11 +83,10 @@ class ParticleFilterPredictor:
         self, history: History
     ) -> tuple[Float[np.ndarray, "N"], Float[np.ndarray, "N"], Float[np.ndarray, "N 2"]]:
         """Centres and deviations of discount factors, deviations of wishes."""
-        gammas = [self.belief.gamma(kind) for kind in history.kinds]
-        # A prior `weight * (gamma - center)^2` is a Gaussian of this deviation.
-        deviations = [1.0 / np.sqrt(2.0 * weight) for _, weight in gammas]
+        centers = [self.belief.gamma(kind)[0] for kind in history.kinds]
+        deviations = [self.belief.gamma_deviation(kind) for kind in history.kinds]
         wishes = np.stack([self.belief.wish_deviation(kind) for kind in history.kinds])
-        return np.array([center for center, _ in gammas]), np.array(deviations), wishes
+        return np.array(centers), np.array(deviations), wishes
 
     def _drawn(self, history: History, random: np.random.Generator) -> _Particles:
         """Particles of the belief."""

@@ -25,6 +25,8 @@ class Perception(NamedTuple):
     known: tuple[Float[np.ndarray, "4"] | None, ...] = ()
     """Everybody's state now by straight, even motion, also of those who are out of sight; None of
     whom was never seen."""
+    guessed: bool = False
+    """Whether somebody has only just been seen, at a place without a velocity: at rest, it says."""
 
     def taking(self, observation: Float[np.ndarray, "size"]) -> Perception:
         """With an observation of the environment, whose last two entries are the goal."""
@@ -33,17 +35,29 @@ class Perception(NamedTuple):
         observations = (*self.observations, seen)[-FIT_STEPS:]
         recent = np.stack(observations)
         known: list[np.ndarray | None] = []
+        guessed = False
         for j, player in enumerate(self.scene.game.players):
             before = self.known[j] if self.known else None
-            if not np.isnan(player_positions(model, recent, j)).any(axis=1).all():
-                known.append(present_state(player.dynamics, model, recent, j, self.scene.dt))
-            else:
+            shown = ~np.isnan(player_positions(model, recent, j)).any(axis=1)
+            if not shown[-1]:
                 known.append(None if before is None else self._further(j, before))
+                continue
+            state = present_state(player.dynamics, model, recent, j, self.scene.dt)
+            if shown.sum() == 1 and self._seen_entries(j) < 4:
+                # A place alone says nothing of motion: as it went on before, if that is known.
+                guessed |= before is None
+                state = state if before is None else np.concatenate([state[:2], before[2:]])
+            known.append(state)
         return self._replace(
             observations=observations,
             own=follow_own_state(self.scene, self.ego, model, self.own, seen),
             known=tuple(known),
+            guessed=guessed,
         )
+
+    def _seen_entries(self, j: int) -> int:
+        """How many entries of a player's state observations show."""
+        return self.scene.observation_model(self.ego).owners.count(j)
 
     def _further(self, j: int, state: Float[np.ndarray, "4"]) -> Float[np.ndarray, "4"]:
         return extrapolate(self.scene.game.players[j].dynamics, state, 1, self.scene.dt)[0]

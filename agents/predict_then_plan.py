@@ -63,7 +63,7 @@ class PredictThenPlan:
         if perception.missing:
             return memory._replace(perception=perception)
         # A single position says nothing of velocities: that state is forgotten with the next one.
-        known = memory.track if len(memory.perception.observations) > 1 else ()
+        known = () if memory.perception.guessed else memory.track
         track = (*known, np.stack(perception.states()))[-self.window :]
         return memory._replace(perception=perception, track=track)
 

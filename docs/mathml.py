@@ -11,12 +11,14 @@ from latex2mathml.converter import convert
 CODE = re.compile(r"(^```.*?^```|`[^`\n]+`)", re.MULTILINE | re.DOTALL)
 BLOCK = re.compile(r"^\$\$\n(.*?)\n\$\$", re.MULTILINE | re.DOTALL)
 INLINE = re.compile(r"\$([^$]+?)\$")
-OUTSIDE = re.compile(r"\[([^\]]+)\]\(\.\./[^)]+\)")
+UPWARDS = re.compile(r"\[([^\]]+)\]\(((?:\.\./)+)[^)]+\)")
 
 
-def on_page_markdown(markdown, **_):
+def on_page_markdown(markdown, page, **_):
     """Formulas and links of one page; code stays as it is."""
-    parts = CODE.split(OUTSIDE.sub(r"\1", markdown))
+    depth = page.file.src_uri.count("/")
+    inside = UPWARDS.sub(lambda m: m[1] if m[2].count("../") > depth else m[0], markdown)
+    parts = CODE.split(inside)
     for k in range(0, len(parts), 2):
         block = BLOCK.sub(
             lambda m: f'<div class="formula">{convert(m[1], display="block")}</div>', parts[k]

@@ -32,8 +32,8 @@ MAX_STEPS = 100
 KEY = ("ego", "settings", "seed")
 SCHEMA = 3
 """Counted up when rows get other columns or mean something else: older folders are refused."""
-INFERRING = ("foresight",)
-"""Egos that infer the discount factors in their decisions; others know or assume them."""
+KNOWING = ("oracle", "farsighted")
+"""Egos that know or assume the discount factors in their decisions; others infer them."""
 
 
 class Step(NamedTuple):
@@ -46,6 +46,11 @@ class Step(NamedTuple):
     """Seconds for update and decision."""
     info: dict[str, Any]
     """As the environment returned it after the step."""
+
+
+def inferred(ego: str, decision: Decision) -> dict[int, tuple[float, float]]:
+    """Means and deviations of the discount factors that an ego's decision inferred."""
+    return {} if ego in KNOWING else dict(decision.gammas)
 
 
 @dataclass(frozen=True)

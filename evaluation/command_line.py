@@ -23,6 +23,7 @@ from evaluation.options import (
     check_ego,
     check_noise,
     is_own,
+    look_here,
     make_all,
     plain_errors,
 )
@@ -132,6 +133,7 @@ def report(
     from evaluation.comparison_page import write_comparison
     from evaluation.report import write_report
 
+    look_here()
     if markdown is not None:
         typer.echo(f"comparison: {write_comparison(folder, markdown)}")
     typer.echo(f"page: {write_report(folder, episodes)}")

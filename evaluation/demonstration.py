@@ -17,12 +17,14 @@ from evaluation import (
     junction_sample,
     prediction,
 )
-from evaluation.closed_loop import INFERRING, ClosedLoop, episode, summarise
+from evaluation.closed_loop import ClosedLoop, episode, inferred, summarise
 from evaluation.driving_report import distances_over_time, print_driving
 from evaluation.driving_study import DrivingSetting
 from evaluation.endings import ending
 from evaluation.episode_pictures import draw_episode
 from evaluation.figures import (
+    HEATMAP,
+    TRIAL,
     closed_loop_summary,
     error_against_noise,
     objective_heatmap,
@@ -83,7 +85,7 @@ def _draw(console: Console, ego: str, seed: int, setting: RunSetting, out: Path)
     table.add_row("smallest gap to somebody", f"{last.info['min_distance']:.2f} m")
     for j, (mean, deviation) in last.decision.gammas.items():
         true = f"{last.info['gamma'][j]:.2f}"
-        if ego in INFERRING:
+        if inferred(ego, last.decision):
             told = f"{told_gamma(mean, deviation)}, {true}"
             table.add_row(f"gamma of agent {j}: inferred (±90 %), true", told)
         else:
@@ -140,7 +142,8 @@ def evaluate_crosswalk(
             values = heatmap(grid)
         if values.unsolved:
             console.print(f"heatmap: {values.unsolved} of {grid**2} games not solved, left blank")
-        pictures.append(objective_heatmap(values, out / "heatmap.png"))
+        objective_heatmap(values, out / f"{HEATMAP}.pdf")
+        pictures.append(objective_heatmap(values, out / f"{HEATMAP}.png"))
     for path in pictures:
         _tell(console, path)
 
@@ -173,7 +176,8 @@ def _trial(console: Console, out: Path) -> Path:
             m: estimation.fit("full", TRIAL_STD, 0, m, profile=Profile())
             for m in estimation.METHODS
         }
-        return representative_trial(seen, fits, out / "representative_trial.png")
+        representative_trial(seen, fits, out / f"{TRIAL}.pdf")
+        return representative_trial(seen, fits, out / f"{TRIAL}.png")
 
 
 def evaluate_intersection(

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from PIL import Image
 
-from evaluation.closed_loop import INFERRING, Step, episode
+from evaluation.closed_loop import Step, episode, inferred
 from evaluation.figures import gamma_over_time
 from evaluation.run_setting import RunSetting
 from evaluation.store import write_atomically
@@ -32,7 +32,7 @@ def overlay_of(step: Step, ego: str) -> Overlay:
     return Overlay(
         predicted=dict(decision.predicted),
         planned=decision.planned,
-        gammas=dict(decision.gammas) if ego in INFERRING else {},
+        gammas=inferred(ego, decision),
         truth_gammas={j: float(truth[j]) for j in decision.gammas},
     )
 
@@ -62,8 +62,8 @@ def draw_episode(ego: str, seed: int, setting: RunSetting, folder: Path) -> Epis
     still.save(buffer, "png")
     write_atomically(paths[1], buffer.getvalue())
     curve = None
-    if ego in INFERRING and any(s.decision.gammas for s in steps):
+    gammas = [inferred(ego, s.decision) for s in steps]
+    if any(gammas):
         times = dt * np.arange(len(steps))
-        gammas = [s.decision.gammas for s in steps]
         curve = gamma_over_time(times, gammas, steps[0].info["gamma"], folder / "gammas.png")
     return EpisodePictures(steps, paths[0], paths[1], curve)

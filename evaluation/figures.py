@@ -35,6 +35,11 @@ PAPER_WIDTH = 7.16
 """Inches across both columns of a paper in IEEE's format."""
 
 
+HEATMAP = "heatmap"
+TRIAL = "representative_trial"
+"""Names of pictures that are written beside a study's rows, which do not hold what they show."""
+
+
 def save(figure: Figure, path: Path) -> Path:
     """Write a PNG at 150 dots per inch or, where the path ends so, a PDF for a paper."""
     FigureCanvasAgg(figure)

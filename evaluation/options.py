@@ -117,14 +117,20 @@ def chosen_agents(option: str, text: str, known: Sequence[str]) -> tuple[str, ..
     return names
 
 
+def look_here() -> None:
+    """As `python -m` does: a user's module is in the folder that the command runs in.
+
+    Worker processes take the path over.
+    """
+    if os.getcwd() not in sys.path:
+        sys.path.insert(0, os.getcwd())
+
+
 def make_all(option: str, names: Sequence[str]) -> None:
     """Make agents once, so that what is wrong with them is told before anything runs."""
     if not names:
         return
-    # As `python -m` does: a user's module is in the folder that the command runs in. Worker
-    # processes take the path over.
-    if os.getcwd() not in sys.path:
-        sys.path.insert(0, os.getcwd())
+    look_here()
     from agents.registry import make_ego, make_predictor
 
     for name in names:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from evaluation.closed_loop import INFERRING, Step, episode
+from evaluation.closed_loop import Step, episode, inferred
 from evaluation.endings import ending
 from evaluation.naming import label_of
 from evaluation.run_setting import RunSetting
@@ -47,7 +47,7 @@ def replay(ego: str, seed: int, setting: RunSetting, title: str) -> Replay:
         "names": list(scene.names),
         "colours": [_hex(COLOURS[i]) for i in range(scene.players)],
         "ego": own,
-        "infers": ego in INFERRING,
+        "infers": any(inferred(ego, s.decision) for s in steps),
         "footprints": [[f.length, f.width, f.radius] for f in env.world.footprints],
         "scenery": _scenery(env.world.scenery),
         "goals": [_short(theta) for theta in last["theta"]["goal"]],
@@ -66,7 +66,7 @@ def _step(
     seen = np.empty((count, 2))
     seen[order] = step.observation[: count * width].reshape(count, width)[:, :2]
     decision = step.decision
-    gammas = decision.gammas if ego in INFERRING else {}
+    gammas = inferred(ego, decision)
     return {
         "state": _places(step.state, turning),
         "seen": _short(seen),

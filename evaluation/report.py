@@ -13,6 +13,7 @@ from rich.progress import track
 
 from evaluation.naming import label_of
 from evaluation.notes import Notes, Shown
+from evaluation.present import present
 from evaluation.published import compared
 from evaluation.replay import Replay, replay
 from evaluation.report_sections import Section, section
@@ -63,19 +64,24 @@ def write_report(folder: Path, episodes: int = 4) -> Path:
     if not manifests:
         raise ValueError(f"{folder}: holds no results (no manifest.json in it or below)")
     found = [read_results(path.parent) for path in manifests]
-    begun = [results for results in found if any(not row["error"] for row in results.rows)]
-    if not begun:
+    begun = [results for results in found if results.rows]
+    if not any(not row["error"] for results in begun for row in results.rows):
         raise ValueError(f"{folder}: no trial has finished yet; run the study first")
     chapters = []
-    for results in begun:
+    for everything in begun:
         notes = Notes()
+        results, old = present(everything)
         part = section(results, notes)
+        if old:
+            notes.print(f"{old} trials of agents with other settings, made earlier, are left out.")
         where = results.folder.relative_to(folder)
         figures = _drawn(part, folder / "figures", "_".join(where.parts))
-        replays = [
-            (replay(w.ego, w.seed, w.setting, w.title), w.why)
-            for w in track(part.episodes[:episodes], f"replays: {where}", transient=True)
-        ]
+        replays = []
+        for w in track(part.episodes[:episodes], f"replays: {where}", transient=True):
+            try:
+                replays.append((replay(w.ego, w.seed, w.setting, w.title), w.why))
+            except (ValueError, ImportError) as error:  # somebody's own ego, which is not here
+                notes.print(f"No replay of {w.ego}: {error}", markup=False)
         chapters.append(
             Chapter(
                 part,

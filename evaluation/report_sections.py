@@ -10,14 +10,13 @@ from shutil import copyfile
 
 from rich.console import Console
 
-from agents import make_ego, make_predictor
 from evaluation.benchmark import driven_parts, simulated_parts
 from evaluation.benchmark_page import print_parts
 from evaluation.benchmark_study import Plan
 from evaluation.closed_loop import summarise
 from evaluation.driving_report import OTHERS, distances_over_time, place, print_driving
 from evaluation.endings import COLLISION
-from evaluation.figures import closed_loop_summary, error_against_noise
+from evaluation.figures import HEATMAP, TRIAL, closed_loop_summary, error_against_noise
 from evaluation.intersection_report import (
     SNAPSHOT,
     error_over_noise,
@@ -26,7 +25,6 @@ from evaluation.intersection_report import (
 )
 from evaluation.naming import label_of
 from evaluation.prediction_report import error_over_time, print_prediction
-from evaluation.provenance import fingerprint
 from evaluation.recorded_windows import with_windows
 from evaluation.run_setting import RunSetting
 from evaluation.store import Results, Row
@@ -100,7 +98,11 @@ PLAIN = {
 
 def section(results: Results, notes: Console) -> Section:
     """Print a study's tables on `notes` and say what else belongs to it."""
+    if all(row["error"] for row in results.rows):
+        notes.print("No trial ended well: there is nothing but failures to tell.")
+        return Section(results.study.capitalize(), results)
     makers = {name: plain.section for name, plain in PLAIN.items()} | {
+        "estimation": _estimation,
         "intersection": _intersection,
         "closed loop": _closed_loop,
         "driving": _driving,
@@ -111,40 +113,42 @@ def section(results: Results, notes: Console) -> Section:
     return makers.get(results.study, _other)(results, notes)
 
 
-def present(rows: Sequence[Row], column: str) -> list[Row]:
-    """Rows of agents as they are now, where a folder has some of earlier settings as well."""
-    kept: dict[str, str] = {}
-    make = make_ego if column == "ego" else make_predictor
-    for row in rows:
-        name, settings = row[column], row["settings"]
-        if kept.setdefault(name, settings) != settings:
-            try:
-                kept[name] = fingerprint(make(name))
-            except (ValueError, ImportError):  # somebody's own, which cannot be imported here
-                kept[name] = settings
-    return [row for row in rows if kept[row[column]] == row["settings"]]
-
-
 def _names(rows: Sequence[Row], column: str) -> tuple[str, ...]:
     """In the order in which they first appear, those with a finished trial."""
     return tuple(dict.fromkeys(r[column] for r in rows if not r["error"]))
 
 
-def _intersection(results: Results, notes: Console) -> Section:
-    """Rows tell nothing of the recording itself, which need not be here any more."""
-    found = PLAIN["intersection"].section(results, notes)
-    kept = results.folder.parent / SNAPSHOT
-    if all(kept.with_suffix(f".{kind}").exists() for kind in ("png", "pdf")):
-        found.figures[SNAPSHOT] = (
-            lambda path: Path(copyfile(kept.with_suffix(path.suffix), path)),
-            "What each method expects from the first steps: dots seen, coloured lines predicted, "
-            "broad ones what happened",
-        )
+def _estimation(results: Results, notes: Console) -> Section:
+    found = PLAIN["estimation"].section(results, notes)
+    _add_picture(found, TRIAL, "One noisy sequence, and what both methods make of it")
+    _add_picture(found, HEATMAP, "The objective over both discount factors, from noise-free data")
     return found
 
 
+def _intersection(results: Results, notes: Console) -> Section:
+    found = PLAIN["intersection"].section(results, notes)
+    _add_picture(
+        found,
+        SNAPSHOT,
+        "What each method expects from the first steps: dots seen, coloured lines predicted, broad "
+        "ones what happened",
+    )
+    return found
+
+
+def _add_picture(found: Section, name: str, told: str) -> None:
+    """A picture that lies beside the rows, which do not hold what it shows."""
+    kept = found.results.folder.parent / name
+
+    def copied(path: Path) -> Path:
+        return Path(copyfile(kept.with_suffix(path.suffix), path))
+
+    if all(kept.with_suffix(f".{kind}").exists() for kind in ("png", "pdf")):
+        found.figures[name] = copied, told
+
+
 def _closed_loop(results: Results, notes: Console) -> Section:
-    rows = present(results.rows, "ego")
+    rows = results.rows
     egos = _names(rows, "ego")
     print_closed_loop(notes, [summarise(rows, ego) for ego in egos], rows)
     found = Section("Crosswalk: an ego in the loop", results)
@@ -165,7 +169,7 @@ def _closed_loop(results: Results, notes: Console) -> Section:
 
 
 def _driving(results: Results, notes: Console) -> Section:
-    rows = present(results.rows, "ego")
+    rows = results.rows
     egos, scenes, others = (_names(rows, column) for column in ("ego", "scene", "others"))
     print_driving(notes, rows, scenes, others, egos)
     found = Section("Driving: an ego on highway-env's roads", results)
@@ -192,7 +196,7 @@ def _driving(results: Results, notes: Console) -> Section:
 
 
 def _prediction(results: Results, notes: Console) -> Section:
-    rows = present(with_windows(results.folder, results.rows), "predictor")
+    rows = with_windows(results.folder, results.rows)
     print_prediction(notes, rows)
     found = Section("Recordings: predictions", results)
     found.figures["error_over_time"] = (
@@ -203,14 +207,14 @@ def _prediction(results: Results, notes: Console) -> Section:
 
 
 def _open_benchmark(results: Results, notes: Console) -> Section:
-    rows = present(results.rows, "predictor")
+    rows = results.rows
     plan = Plan(_names(rows, "place"), (), _names(rows, "predictor"), (), 0)
     print_parts(notes, simulated_parts(rows, plan), everything=True)
     return Section("Benchmark: predictors in simulated episodes", results)
 
 
 def _closed_benchmark(results: Results, notes: Console) -> Section:
-    rows = present(results.rows, "ego")
+    rows = results.rows
     places, others = _names(rows, "place"), tuple(o for o in OTHERS if o in _names(rows, "others"))
     plan = Plan(places, others, (), _names(rows, "ego"), 0)
     print_parts(notes, driven_parts(rows, plan), everything=True)

@@ -72,7 +72,7 @@ class Store:
                         "folder"
                     )
                 machine = {"python": platform.python_version(), "machine": platform.machine()}
-                text = json.dumps({**wanted, **machine}, indent=2)
+                text = json.dumps({**wanted, "key": key, **machine}, indent=2)
                 write_atomically(manifest, text.encode())
         except OSError as error:
             raise StoreError(f"{self.folder}: cannot be written ({error.strerror})") from error
@@ -90,23 +90,21 @@ class Store:
         sink = pa.BufferOutputStream()
         pq.write_table(table, sink)
         number = len(list(self.folder.glob("part-*.parquet")))
-        path = self.folder / f"part-{number:06d}.parquet"
-        while path.exists():
-            number += 1
+        while True:
             path = self.folder / f"part-{number:06d}.parquet"
-        try:
-            write_atomically(path, sink.getvalue().to_pybytes())
-        except OSError as error:
-            raise StoreError(f"{path}: cannot be written ({error.strerror})") from error
+            try:
+                write_atomically(path, sink.getvalue().to_pybytes(), new=True)
+            except FileExistsError:  # another process writes into this folder, too
+                number += 1
+            except OSError as error:
+                raise StoreError(f"{path}: cannot be written ({error.strerror})") from error
+            else:
+                return
 
     def rows(self) -> list[Row]:
         """All finished trials, one row each, in the order of their keys."""
-        found: dict[tuple[Any, ...], Row] = {}
-        for part in sorted(self.folder.glob("part-*.parquet")):
-            for row in _read_part(part):
-                found[tuple(row[k] for k in self.key)] = row
-        names = sorted({name for row in found.values() for name in row})
-        return [{n: found[k].get(n) for n in names} for k in sorted(found, key=repr)]
+        found = _read_parts(self.folder, self.key)
+        return sorted(found, key=lambda row: tuple(_order(row[k]) for k in self.key))
 
     def finished(self) -> set[tuple[Any, ...]]:
         """Keys of the trials that have a row."""
@@ -135,12 +133,26 @@ def read_results(folder: Path) -> Results:
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise StoreError(f"{manifest}: is no manifest of results ({error})") from error
     machine = f"Python {told.get('python', '?')}, {told.get('machine', '?')}"
-    found: list[Row] = []
+    rows = _read_parts(folder, tuple(told.get("key", ())))
+    return Results(folder, study, configuration, version, machine, rows)
+
+
+def _read_parts(folder: Path, key: tuple[str, ...]) -> list[Row]:
+    """All rows, as they were written; of a trial that two runs did at once the last (no key: all).
+
+    What a row lacks is None.
+    """
+    found: dict[tuple[Any, ...], Row] = {}
     for part in sorted(folder.glob("part-*.parquet")):
-        found += _read_part(part)
-    names = sorted({name for row in found for name in row})
-    found = [{name: row.get(name) for name in names} for row in found]
-    return Results(folder, study, configuration, version, machine, found)
+        for row in _read_part(part):
+            found[tuple(row[k] for k in key) if key else (len(found),)] = row
+    names = sorted({name for row in found.values() for name in row})
+    return [{name: row.get(name) for name in names} for row in found.values()]
+
+
+def _order(value: Any) -> tuple[bool, bool, Any]:
+    """Sorts numbers by size, before texts, and nothing before all."""
+    return value is not None, isinstance(value, str), 0 if value is None else value
 
 
 def _read_part(part: Path) -> list[Row]:
@@ -161,8 +173,11 @@ def _difference(kept: Mapping[str, Any], wanted: Mapping[str, Any]) -> str:
     return " and ".join(parts)
 
 
-def write_atomically(path: Path, data: bytes) -> None:
-    """Write beside `path`, then move: readers see the old file or the new one, never a half."""
+def write_atomically(path: Path, data: bytes, *, new: bool = False) -> None:
+    """Write beside `path`, then move: readers see the old file or the new one, never a half.
+
+    `new`: there must be no old one (`FileExistsError`), not even one written at this moment.
+    """
     handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     mask = os.umask(0)
     os.umask(mask)
@@ -172,7 +187,24 @@ def write_atomically(path: Path, data: bytes) -> None:
             file.write(data)
             file.flush()
             os.fsync(file.fileno())
-        os.replace(temporary, path)
+        if new:
+            _claim(Path(temporary), path)
+        else:
+            os.replace(temporary, path)
     except BaseException:
         Path(temporary).unlink(missing_ok=True)
         raise
+
+
+def _claim(temporary: Path, path: Path) -> None:
+    """Give a file a name that nobody else has."""
+    try:
+        os.link(temporary, path)
+    except FileExistsError:
+        raise
+    except OSError:  # a file system without links, where another process cannot be kept out
+        if path.exists():
+            raise FileExistsError(path) from None
+        os.replace(temporary, path)
+    else:
+        temporary.unlink()

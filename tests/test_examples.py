@@ -59,15 +59,15 @@ def test_wrappers(tmp_path):
 def test_stable_baselines_trains():
     pytest.importorskip("stable_baselines3")
     before, after = example("train_sb3")["main"](steps=256, judged=2)
-    assert before < 0.0
-    assert after < 0.0
+    assert np.isfinite([before, after]).all()
+    assert before != after  # 256 steps change the policy; better they do not make it
 
 
 def test_everybody_learns_with_torchrl():
     pytest.importorskip("torchrl")
     returns = example("train_torchrl")["main"](batches=1, frames=200)
     assert len(returns) == 1
-    assert returns[0] < 0.0
+    assert np.isfinite(returns).all()
 
 
 def test_a_pytorch_model_predicts():

@@ -6,11 +6,13 @@ import importlib
 import inspect
 import json
 import re
+import runpy
 import shlex
 import subprocess
 import sys
 from importlib.util import find_spec
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import typer
@@ -150,6 +152,23 @@ def test_documented_commands_exist(line):
     assert not words or not getattr(command, "commands", {}), f"{line}: no such command"
     known = {name for parameter in command.params for name in parameter.opts}
     assert {word for word in words if word.startswith("--")} <= known
+
+
+@pytest.mark.parametrize(
+    ("page", "link", "kept"),
+    [
+        ("index.md", "../README.md", False),
+        ("index.md", "api/envs.md", True),
+        ("api/envs.md", "../environments.md", True),
+        ("api/envs.md", "../../README.md", False),
+    ],
+)
+def test_links_within_the_site_are_kept(page, link, kept):
+    """Files outside `docs` are no pages of the site."""
+    pytest.importorskip("latex2mathml")
+    made = runpy.run_path(str(ROOT / "docs" / "mathml.py"))["on_page_markdown"]
+    told = made(f"See [it]({link}).", SimpleNamespace(file=SimpleNamespace(src_uri=page)))
+    assert told == (f"See [it]({link})." if kept else "See it.")
 
 
 def test_there_is_documented_code():

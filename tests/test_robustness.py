@@ -9,7 +9,7 @@ def test_nothing_breaks():
     assert tally.violations == []
     assert {name.partition(":")[0] for name in tally.done} == set(uses())
     assert tally.refused.total() > 0
-    assert all(value > 0.0 for value in memory)
+    assert not any(value <= 0.0 for value in memory)
 
 
 def test_every_id_has_episodes():

@@ -1,7 +1,7 @@
 """Rough use: extreme and malformed actions, options and configurations; broken sensors.
 
-Whatever is wrong must be refused by a `ValueError` before anything changes, whatever fails must be
-a status, nothing may be NaN, and memory must stay flat. What breaks one of these is a *violation*;
+Whatever is wrong must be refused by a `ValueError`, whatever fails must be a status, nothing may be
+NaN, and memory must stay flat. What breaks one of these is a *violation*;
 there should be none. The full study takes an hour.
 """
 
@@ -32,6 +32,8 @@ MINUTES = 60.0
 QUICK_MINUTES = 2.0
 LEAST_EPISODES = 10_000
 """Whole episodes of environments that the full study plays at least, over all ids."""
+MOST_GROWTH = 1.1
+"""Of memory, over the second half of the time."""
 MEBIBYTE = 2**20
 
 Use = Callable[[Random, Tally], None]
@@ -76,7 +78,10 @@ def rough_use(seconds: float, least: int, seed: int = 0) -> tuple[Tally, list[fl
         once(str(random.choice(list(every), p=weights / weights.sum())))
         if passed > len(memory) * seconds / 10.0 > 0.0:
             memory.append(resident_memory())
-    return tally, [*memory, resident_memory()]
+    memory.append(resident_memory())
+    if seconds > 0.0 and memory[-1] > MOST_GROWTH * memory[len(memory) // 2]:
+        tally.violations.append(f"memory: grew over the second half, {memory} MiB")
+    return tally, memory
 
 
 def resident_memory() -> float:
@@ -94,6 +99,7 @@ def run(setting: Setting) -> list[Result]:
     begin = time.monotonic()
     tally, memory = rough_use(60.0 * minutes, least)
     passed = (time.monotonic() - begin) / 60.0
+    crashed = {v.partition(": ")[0] for v in tally.violations}
     rows: list[Row] = [
         {
             "used": name,
@@ -102,7 +108,7 @@ def run(setting: Setting) -> list[Result]:
             "failures told by a status": tally.failed[name],
             "violations": sum(v.startswith(f"{name}: ") for v in tally.violations),
         }
-        for name in sorted(set(tally.done) | set(tally.refused))
+        for name in sorted(set(tally.done) | set(tally.refused) | crashed)
     ]
     told = ", ".join(f"{value:.0f}" for value in memory)
     first = "; ".join(dict.fromkeys(tally.violations[:5])) or "none"

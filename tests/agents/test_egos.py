@@ -1,14 +1,9 @@
 """Every registered ego drives; what it decides, remembers, and does when a solve fails."""
 
-import sys
 from collections.abc import Mapping
-from pathlib import Path
 
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))
-
 from small import HORIZON, STEPS, crossing, drive, ego
 
 import agents.planning

@@ -1,14 +1,9 @@
 """The online estimator: what it finds, keeps and refuses."""
 
-import sys
 from functools import lru_cache
-from pathlib import Path
 
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))
-
 from small import HORIZON, WINDOW
 
 import foresight_env.inverse.online as online

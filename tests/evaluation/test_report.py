@@ -11,11 +11,14 @@ from made_rows import episode_rows, estimation_rows
 from PIL import Image
 from rich.table import Table
 
-from evaluation import closed_loop, prediction
+from agents import make_ego
+from evaluation import closed_loop, estimation, prediction
 from evaluation.closed_loop import ClosedLoop
 from evaluation.comparison_page import write_comparison
 from evaluation.endings import COLLISION, REACHED
 from evaluation.notes import Notes
+from evaluation.present import present
+from evaluation.provenance import fingerprint
 from evaluation.published import compared
 from evaluation.replay import replay
 from evaluation.report import write_report
@@ -68,7 +71,7 @@ def results(tmp_path):
     rows = [{**row, "settings": "s"} for row in episode_rows()]
     stored(tmp_path / "a" / "loop", "closed loop", told, rows, closed_loop.KEY)
     rows = [{**row, "seconds": 0.1} for row in estimation_rows()]
-    stored(tmp_path / "b", "estimation", {}, rows, ("observation",))
+    stored(tmp_path / "b" / "rows", "estimation", {}, rows, estimation.KEY)
     rows = [{"seed": 1, "x": 2.0, "error": ""}, {"seed": 2, "x": None, "error": "<it> broke"}]
     stored(tmp_path / "c", "made up", {"size": 3}, rows, ("seed",))
     return tmp_path
@@ -85,7 +88,7 @@ def test_every_study_is_told(results):
     names = sorted(p.name for p in (results / "figures").iterdir())
     assert names == [
         f"{stem}.{kind}"
-        for stem in ("a_loop_closed_loop", "b_error_against_noise")
+        for stem in ("a_loop_closed_loop", "b_rows_error_against_noise")
         for kind in ("pdf", "png")
     ]
     for name in names:
@@ -215,3 +218,53 @@ def test_notes_keep_tables_as_text():
     assert (shown.title, shown.header, shown.rows) == ("a bold one", ("x", "y [m]"), (("1", "2"),))
     assert shown.right == (False, True)
     assert told == ["broke", "plain [1]"]
+
+
+def test_pictures_beside_the_rows_are_told(results):
+    for name in ("heatmap", "representative_trial"):
+        for kind in ("png", "pdf"):
+            Image.new("RGB", (400, 300)).save(results / "b" / f"{name}.{kind}")
+    text = page_of(write_report(results, episodes=0))
+    assert text.count("<img") == 4
+    assert (results / "figures" / "b_rows_heatmap.pdf").exists()
+
+
+def loop_rows(settings, ego="foresight", **more):
+    return [{**row, "ego": ego, "settings": settings, **more} for row in episode_rows()[:2]]
+
+
+def loop_results(rows):
+    told = {**ClosedLoop().__dict__, "schema": closed_loop.SCHEMA}
+    return Results(Path(), "closed loop", told, "", "", rows)
+
+
+def test_one_setting_of_an_agent_is_told():
+    """The present one; where no row has it, or nobody knows it, the last that was stored."""
+    now = fingerprint(make_ego("foresight"))
+    told, left_out = present(loop_results([*loop_rows(now), *loop_rows("old")]))
+    assert ({r["settings"] for r in told.rows}, left_out) == ({now}, 2)
+    for name in ("foresight", "nobody_s:Ego"):
+        rows = [*loop_rows("old", name), *loop_rows("later", name), *loop_rows("s", "oracle")]
+        told, left_out = present(loop_results(rows))
+        assert [r["settings"] for r in told.rows] == ["later", "later", "s", "s"]
+        assert left_out == 2
+    rows = intersection_rows()
+    assert present(Results(Path(), "intersection", {}, "", "", rows)) == (
+        Results(Path(), "intersection", {}, "", "", rows), 0
+    )  # fmt: skip
+
+
+def test_an_ego_that_is_not_here_has_no_replay(tmp_path):
+    rows = loop_rows("s", "nobody_s:Ego", collision=True)
+    told = {**ClosedLoop().__dict__, "schema": closed_loop.SCHEMA}
+    stored(tmp_path, "closed loop", told, rows, closed_loop.KEY)
+    text = page_of(write_report(tmp_path, episodes=1))
+    assert "No replay of nobody_s:Ego" in text
+
+
+def test_a_study_that_broke_is_told(results):
+    rows = [{"seed": k, "x": None, "error": "no luck"} for k in range(3)]
+    stored(results / "d", "unlucky", {}, rows, ("seed",))
+    text = page_of(write_report(results, episodes=0))
+    assert "Unlucky" in text
+    assert "no luck" in text

@@ -15,7 +15,7 @@ import stand_in
 import evaluation.store as store_module
 from evaluation import closed_loop, estimation
 from evaluation.attempt import Attempt
-from evaluation.store import Store, StoreError, write_atomically
+from evaluation.store import Store, StoreError, read_results, write_atomically
 from evaluation.trials import run_trials
 
 ROWS = stand_in.SEEDS * len(stand_in.EGOS)
@@ -37,6 +37,27 @@ def test_rows_come_back_as_they_were(tmp_path):
     assert found[0] == rows[1]
     assert store.finished() == {(0,), (1,), (2,)}
     assert names(store.folder) == ["manifest.json", "part-000000.parquet", "part-000001.parquet"]
+
+
+def test_two_writers_lose_nothing(tmp_path, monkeypatch):
+    """The second finds the name taken that it has just counted as free, and takes the next."""
+    mine, theirs = (Store(tmp_path, "s", {}, ("seed",)) for _ in range(2))
+    mine.append([{"seed": 10}])
+    once = write_atomically
+
+    def overtaken(path, data, *, new):
+        monkeypatch.setattr(store_module, "write_atomically", once)
+        theirs.append([{"seed": 9}, {"seed": 11}])
+        once(path, data, new=new)
+
+    monkeypatch.setattr(store_module, "write_atomically", overtaken)
+    mine.append([{"seed": 11, "x": 1}])
+    assert [r["seed"] for r in mine.rows()] == [9, 10, 11]
+    assert len(list(tmp_path.glob("part-*"))) == 3
+    # Whoever reads the folder without the study sees every trial once, too.
+    assert sorted((r["seed"], r["x"]) for r in read_results(tmp_path).rows if r["x"]) == [(11, 1)]
+    assert len(read_results(tmp_path).rows) == 3
+    assert not [name for name in names(tmp_path) if name.startswith(".")]
 
 
 def test_manifest(tmp_path):
@@ -65,7 +86,7 @@ def test_a_write_that_fails_leaves_nothing_half_done(tmp_path, monkeypatch, fail
 def test_a_full_disk_is_told_with_the_file(tmp_path, monkeypatch):
     store = Store(tmp_path, "s", {}, ("seed",))
 
-    def broken(*args):
+    def broken(*args, **options):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(store_module, "write_atomically", broken)
@@ -172,7 +193,7 @@ def test_studies_can_be_extended(tmp_path, monkeypatch):
 def test_a_failing_trial_is_a_row(tmp_path):
     rows = stand_in.study(tmp_path)
     broken = [r for r in rows if r["error"]]
-    assert [(r["ego"], r["seed"]) for r in broken] == [(e, s) for e in "ab" for s in (11, 5)]
+    assert [(r["ego"], r["seed"]) for r in broken] == [(e, s) for e in "ab" for s in (5, 11)]
     for row in broken:
         assert row["error"].startswith(f"ArithmeticError: no luck with {row['seed']} (stand_in.py:")
         assert row["value"] is None
