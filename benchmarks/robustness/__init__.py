@@ -50,9 +50,9 @@ def uses() -> dict[str, tuple[Use, float]]:
     for scenario in VECTOR:
         found[f"{scenario}, vector"] = (partial(use_vector, scenario), 1.0)
     return found | {
-        "estimator": (use_estimator, 2.0),
+        "estimator": (use_estimator, 0.7),
         "predictors": (use_predictor, 1.0),
-        "ego": (use_ego, 0.5),
+        "ego": (use_ego, 0.3),
     }
 
 
