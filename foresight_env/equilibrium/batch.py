@@ -22,6 +22,7 @@ from foresight_env.equilibrium.implicit import Equilibrium
 from foresight_env.equilibrium.interior_point import (
     Options,
     accuracy_of,
+    astray,
     converged,
     hopeless,
     is_finite,
@@ -53,6 +54,8 @@ class _Lane(NamedTuple):
     spent: Int[Array, ""]
     error: Float[Array, ""]
     """That of the point before; infinite at an attempt's start."""
+    begun: Float[Array, ""]
+    """That of the attempt's first point, once it is known."""
     convexity: Float[Array, ""]
     taken: Float[Array, ""]
     """The part of the last step; none at an attempt's start."""
@@ -65,8 +68,10 @@ class _Lane(NamedTuple):
 
 def _fresh(number: Array, attempt: Array, spent: Array, point: Iterate) -> _Lane:
     zero, nothing = jnp.zeros((), int), jnp.zeros(())
-    begun, never = jnp.asarray(jnp.inf), jnp.zeros((), bool)
-    return _Lane(number, attempt, zero, spent, begun, jnp.ones(()), nothing, point, point, never)
+    large, never = jnp.asarray(jnp.inf), jnp.zeros((), bool)
+    return _Lane(
+        number, attempt, zero, spent, large, large, jnp.ones(()), nothing, point, point, never
+    )
 
 
 def _advance(
@@ -85,7 +90,9 @@ def _advance(
     convexity = next_convexity(layout, lane.convexity, lane.error, ev.error, lane.taken)
     finite = is_finite(lane.point, ev)
     solved = converged(ev, accuracy) & finite & ~lane.broken
+    begun = jnp.where(lane.iteration == 0, ev.error, lane.begun)
     done = hopeless(layout, lane.point, ev) | (lane.iteration >= limit)
+    done |= astray(local, lane.iteration, ev.error, begun)
     # A lane that broke ends its attempt even where its start was not finite either.
     stuck = lane.broken | (finite & ~solved & done)
     result = Equilibrium(
@@ -103,6 +110,7 @@ def _advance(
         iteration=lane.iteration + 1,
         spent=lane.spent + finite,
         error=ev.error,
+        begun=begun,
         convexity=convexity,
         taken=taken,
         point=_choose(finite, stepped, lane.safe),

@@ -23,7 +23,7 @@ from foresight_env.scenarios.crosswalk import CONTROL_LIMIT, DT, SPEED_LIMIT
 
 ID = "foresight/Crosswalk-v0"
 COUNT = 4
-SHORT = {"planning_horizon": 8, "max_steps": 12}
+SHORT = {"planning_horizon": 6, "max_steps": 12}
 
 
 def many(count=COUNT, **arguments):
