@@ -3,6 +3,7 @@
 import subprocess
 import sys
 
+import jax
 import numpy as np
 import pytest
 from small_games import (
@@ -74,6 +75,30 @@ def test_parameters_of_each_game_and_a_warm_start():
     for k in range(3):
         same(found, k, solve(crossing(), states[k], thetas[k], gamma[k]))
         np.testing.assert_allclose(again.states[0][k], found.states[0][k], atol=1e-7)
+
+
+def test_local_steps_that_lead_away_are_given_up_after_three():
+    """From guesses that are other situations' solutions; in a batch as alone."""
+    states, gamma = drawn(8)
+    states = np.tile(states, (2, 1, 1))
+    states[8:, :, :2] += np.random.default_rng(1).normal(0.0, 0.6, (8, 2, 2))
+    gamma = np.tile(gamma, (2, 1))
+    begun = solve_many(crossing(), states, crossing_theta(), gamma)
+    far = jax.tree.map(lambda v: np.roll(v, 5, axis=0), begun)
+    found = solve_many(crossing(), states, crossing_theta(), gamma, guess=far)
+    assert (found.status == Status.SOLVED).all()
+    given_up = alike = 0
+    for k in range(len(states)):
+        guess = jax.tree.map(lambda v, k=k: v[k], far)
+        usual, three = (
+            solve(crossing(), states[k], crossing_theta(), gamma[k], guess=guess, options=options)
+            for options in (Options(), Options(local_steps=3))
+        )
+        alike += usual.iterations == found.iterations[k]
+        given_up += usual.iterations == three.iterations > Options().local_steps
+    assert 0 < given_up < len(states)
+    # Long ways are not the same to the last bit, nor then to the last step.
+    assert alike > 0.5 * len(states)
 
 
 CROWD = """
