@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import jax
 import numpy as np
 from jaxtyping import Float
 
 from evaluation.estimation import joint
-from foresight_env.equilibrium import Solution, Status, solve
+from foresight_env.equilibrium import Status, solve, solve_many
 from foresight_env.scenarios.crosswalk import HEATMAP, Proximity, crosswalk_game
 
 
@@ -31,19 +30,13 @@ def heatmap(size: int = 41, proximity: Proximity = "soft", largest: float = 1.2)
     true = joint(solve(game, setting.initial_states, setting.theta, setting.gamma, throw=True))
     gammas = np.linspace(0.02, largest, size)
 
-    def row(pairs: Any) -> Solution:
-        return jax.vmap(lambda g: solve(game, setting.initial_states, setting.theta, g))(pairs)
-
     full, places = np.full((size, size), np.nan), np.full((size, size), np.nan)
-    # Small objectives matter (the valley), so the grid is solved in double precision.
-    with jax.enable_x64(True):
-        compiled = jax.jit(row)
-        for k, first in enumerate(gammas):
-            pairs = np.stack([np.full(size, first), gammas], axis=1)
-            found = compiled(pairs)
-            states = np.concatenate([np.asarray(s) for s in found.states], axis=2)
-            squared = (states - true) ** 2
-            solved = np.asarray(found.status) == Status.SOLVED
-            full[k] = np.where(solved, squared.sum(axis=(1, 2)), np.nan)
-            places[k] = np.where(solved, squared[:, :, [0, 1, 4, 5]].sum(axis=(1, 2)), np.nan)
+    for k, first in enumerate(gammas):
+        pairs = np.stack([np.full(size, first), gammas], axis=1)
+        states = np.broadcast_to(setting.initial_states, (size, *setting.initial_states.shape))
+        found = solve_many(game, states, setting.theta, pairs)
+        squared = (np.concatenate(found.states, axis=2) - true) ** 2
+        solved = found.status == Status.SOLVED
+        full[k] = np.where(solved, squared.sum(axis=(1, 2)), np.nan)
+        places[k] = np.where(solved, squared[:, :, [0, 1, 4, 5]].sum(axis=(1, 2)), np.nan)
     return Heatmap(gammas, full, places, int(np.isnan(full).sum()))

@@ -63,6 +63,8 @@ def test_stable_baselines_trains():
     assert before != after  # 256 steps change the policy; better they do not make it
 
 
+# TorchRL 0.14 warns of what it calls itself, and of what it finds optional.
+@pytest.mark.filterwarnings("default")
 def test_everybody_learns_with_torchrl():
     pytest.importorskip("torchrl")
     returns = example("train_torchrl")["main"](batches=1, frames=200)
