@@ -15,6 +15,7 @@ from foresight_env.scenarios.crosswalk import crosswalk_game, nominal_setting, p
 
 WINDOW = 5
 HORIZON = 10
+EPISODE = 12
 
 FAULTS: dict[str, Callable[[Random, np.ndarray], np.ndarray]] = {
     "nothing wrong": lambda random, rows: rows,
@@ -116,7 +117,7 @@ def use_ego(random: Random, tally: Tally) -> None:
     """A crossing of the ego that infers, whose sensors have a fault."""
     fault = list(FAULTS)[random.integers(len(FAULTS))]
     name = f"ego: {fault}"
-    env = crosswalk_v0.parallel_env(planning_horizon=HORIZON, max_steps=12)
+    env = crosswalk_v0.parallel_env(planning_horizon=HORIZON, max_steps=EPISODE)
     observations, infos = env.reset(seed=int(random.integers(2**31)))
     (agent,) = env.agents
     policy = Foresight(window=WINDOW, ahead=HORIZON - WINDOW + 1)
@@ -125,8 +126,9 @@ def use_ego(random: Random, tally: Tally) -> None:
     while env.agents:
         seen = rows[-1].astype(float)
         with np.errstate(over="ignore"):
-            # Faults are of whole tracks; the goal is known.
-            seen[4:8] = FAULTS[fault](random, np.stack(rows)[:, :8].astype(float))[-1][4:8]
+            # Faults are of whole tracks, so the rest of this one is made up; the goal is known.
+            track = np.stack([*rows, *[rows[-1]] * (EPISODE - len(rows))])[:, :8].astype(float)
+            seen[4:8] = FAULTS[fault](random, track)[len(rows) - 1][4:8]
         memory = policy.update(memory, seen, infos[agent])
         decision, memory = policy.act(memory)
         if not env.action_space(agent).contains(decision.action):
