@@ -23,8 +23,8 @@ from evaluation.driving_study import DrivingSetting
 from evaluation.endings import ending
 from evaluation.episode_pictures import draw_episode
 from evaluation.figures import (
-    HEATMAP,
-    TRIAL,
+    HEATMAP_NAME,
+    TRIAL_NAME,
     closed_loop_summary,
     error_against_noise,
     objective_heatmap,
@@ -142,8 +142,8 @@ def evaluate_crosswalk(
             values = heatmap(grid)
         if values.unsolved:
             console.print(f"heatmap: {values.unsolved} of {grid**2} games not solved, left blank")
-        objective_heatmap(values, out / f"{HEATMAP}.pdf")
-        pictures.append(objective_heatmap(values, out / f"{HEATMAP}.png"))
+        objective_heatmap(values, out / f"{HEATMAP_NAME}.pdf")
+        pictures.append(objective_heatmap(values, out / f"{HEATMAP_NAME}.png"))
     for path in pictures:
         _tell(console, path)
 
@@ -176,8 +176,8 @@ def _trial(console: Console, out: Path) -> Path:
             m: estimation.fit("full", TRIAL_STD, 0, m, profile=Profile())
             for m in estimation.METHODS
         }
-        representative_trial(seen, fits, out / f"{TRIAL}.pdf")
-        return representative_trial(seen, fits, out / f"{TRIAL}.png")
+        representative_trial(seen, fits, out / f"{TRIAL_NAME}.pdf")
+        return representative_trial(seen, fits, out / f"{TRIAL_NAME}.png")
 
 
 def evaluate_intersection(

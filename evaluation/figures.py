@@ -35,8 +35,8 @@ PAPER_WIDTH = 7.16
 """Inches across both columns of a paper in IEEE's format."""
 
 
-HEATMAP = "heatmap"
-TRIAL = "representative_trial"
+HEATMAP_NAME = "heatmap"
+TRIAL_NAME = "representative_trial"
 """Names of pictures that are written beside a study's rows, which do not hold what they show."""
 
 

@@ -16,7 +16,7 @@ from evaluation.benchmark_study import Plan
 from evaluation.closed_loop import summarise
 from evaluation.driving_report import OTHERS, distances_over_time, place, print_driving
 from evaluation.endings import COLLISION
-from evaluation.figures import HEATMAP, TRIAL, closed_loop_summary, error_against_noise
+from evaluation.figures import HEATMAP_NAME, TRIAL_NAME, closed_loop_summary, error_against_noise
 from evaluation.intersection_report import (
     SNAPSHOT,
     error_over_noise,
@@ -101,7 +101,7 @@ def section(results: Results, notes: Console) -> Section:
     if all(row["error"] for row in results.rows):
         notes.print("No trial ended well: there is nothing but failures to tell.")
         return Section(results.study.capitalize(), results)
-    makers = {name: plain.section for name, plain in PLAIN.items()} | {
+    makers = {
         "estimation": _estimation,
         "intersection": _intersection,
         "closed loop": _closed_loop,
@@ -120,8 +120,10 @@ def _names(rows: Sequence[Row], column: str) -> tuple[str, ...]:
 
 def _estimation(results: Results, notes: Console) -> Section:
     found = PLAIN["estimation"].section(results, notes)
-    _add_picture(found, TRIAL, "One noisy sequence, and what both methods make of it")
-    _add_picture(found, HEATMAP, "The objective over both discount factors, from noise-free data")
+    _add_picture(found, TRIAL_NAME, "One noisy sequence, and what both methods make of it")
+    _add_picture(
+        found, HEATMAP_NAME, "The objective over both discount factors, from noise-free data"
+    )
     return found
 
 

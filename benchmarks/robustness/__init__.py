@@ -1,8 +1,8 @@
 """Rough use: extreme and malformed actions, options and configurations; broken sensors.
 
 Whatever is wrong must be refused by a `ValueError`, whatever fails must be a status, nothing may be
-NaN, and memory must stay flat. What breaks one of these is a *violation*;
-there should be none. The full study takes an hour.
+NaN, and memory must stay flat. What breaks one of these is a *violation*; there should be none. The
+full study takes an hour.
 """
 
 from __future__ import annotations

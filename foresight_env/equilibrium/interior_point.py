@@ -118,9 +118,9 @@ RUNAWAY_MULTIPLIER = 1e10
 
 
 LOCAL_TRIAL = 3
-"""Local steps after which the residual must be below that of their start. Of 470 warm solves of
-crossings, junctions and drives, those that went on above it converged in 1 % of cases, and the
-others mostly did within 8 steps; what went astray grew beyond all bounds."""
+"""Local steps after which the residual must not be above that of their start. Of 543 warm solves of
+crossings, junctions and drives 214 were above it then, and 5 of these still arrived within ten
+steps; of the 329 others 226 did."""
 
 
 def astray(
