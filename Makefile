@@ -6,6 +6,7 @@ PYTHON ?= $(firstword $(foreach p,python3.11 python3.12 python3.13 python3,$(if 
 BIN := .venv/bin
 INSTALLED := .venv/.installed
 DOCS_INSTALLED := .venv/.docs_installed
+RL_INSTALLED := .venv/.rl_installed
 SOURCES := foresight_env agents evaluation benchmarks docs examples tests
 # `make paper DATA=inD/data`: the paper's own window; else a recording that the project makes.
 DATA ?=
@@ -17,10 +18,10 @@ export JAX_COMPILATION_CACHE_DIR ?= $(CURDIR)/.cache/jax
 export JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS ?= 0.3
 export JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES ?= -1
 
-.PHONY: help demo test lint format bench paper docs clean
+.PHONY: help demo test test-rl lint format bench paper docs clean
 
 help: ## Show this list
-	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
+	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
 
 $(INSTALLED): pyproject.toml
 	@test -n "$(PYTHON)" || { echo "no python3.11, 3.12 or 3.13 found; name one with PYTHON="; exit 1; }
@@ -33,6 +34,13 @@ demo: $(INSTALLED) ## Estimate foresight from one noisy crossing and drive with 
 
 test: $(INSTALLED) ## Run the tests
 	$(BIN)/python -m pytest $(ARGS)
+
+$(RL_INSTALLED): $(INSTALLED)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev,rl]'
+	@touch $@
+
+test-rl: $(RL_INSTALLED) ## Run the tests of what needs PyTorch (installs it, some 6 GB)
+	$(BIN)/python -m pytest -m rl $(ARGS)
 
 lint: $(INSTALLED) ## Check formatting, style and types
 	$(BIN)/ruff format --check $(SOURCES)

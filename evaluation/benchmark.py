@@ -11,12 +11,11 @@ from evaluation import prediction
 from evaluation.benchmark_page import print_parts, write_page
 from evaluation.benchmark_results import Part, closed_part, common, open_part, write_csv
 from evaluation.benchmark_study import Plan, closed_study, open_study
+from evaluation.naming import OTHERS
 from evaluation.places import is_driving
 from evaluation.recorded_windows import WINDOW
 from evaluation.store import Row
 from evaluation.workers import Workers
-
-OTHERS = {"receding": "game agents", "idm": "IDM/MOBIL cars", "open_loop": "open-loop game agents"}
 
 
 def benchmark(

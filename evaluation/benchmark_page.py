@@ -13,8 +13,8 @@ from rich.table import Table
 
 from evaluation.benchmark_results import CLOSED, OPEN, Line, Metric, Part, Value
 from evaluation.naming import label_of
-from evaluation.store import write_atomically
 from foresight_env import __version__
+from foresight_env.files import write_atomically
 
 INTERVALS = ("ADE", "time to goal", "collided")
 """Metrics that are shown with their interval; the CSV has all of them."""

@@ -13,7 +13,8 @@ from jaxtyping import Float
 
 from evaluation.ranks import Rank, ranks
 from evaluation.statistics import Interval, clustered_interval, share_interval
-from evaluation.store import Row, write_atomically
+from evaluation.store import Row
+from foresight_env.files import write_atomically
 
 OPEN, CLOSED = "open loop", "closed loop"
 

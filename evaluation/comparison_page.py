@@ -7,7 +7,8 @@ from pathlib import Path
 
 from evaluation.present import present
 from evaluation.published import compared
-from evaluation.store import Results, read_results, write_atomically
+from evaluation.store import Results, read_results
+from foresight_env.files import write_atomically
 
 TITLES = {
     "estimation": "Crosswalk: inferring foresight",

@@ -21,14 +21,13 @@ from evaluation.driving_study import (
 )
 from evaluation.endings import COLLISION, OFF_ROAD, REACHED, TIME_OUT
 from evaluation.figures import save
-from evaluation.naming import colour_of, label_of
+from evaluation.naming import OTHERS, colour_of, label_of
 from evaluation.store import Row
 from evaluation.tables import mean_and_half
 from foresight_env.scenarios.driving import DT
 
 PAPER_DISTANCE = 6.0
 """The paper's ego never came nearer to another car's middle, m."""
-OTHERS = {"receding": "game agents", "idm": "IDM/MOBIL cars", "open_loop": "open-loop game agents"}
 
 
 def place(scene: str, others: str) -> str:

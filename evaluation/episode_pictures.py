@@ -12,8 +12,8 @@ from PIL import Image
 from evaluation.closed_loop import Step, episode, inferred
 from evaluation.figures import gamma_over_time
 from evaluation.run_setting import RunSetting
-from evaluation.store import write_atomically
 from foresight_env.envs.overlay import Overlay
+from foresight_env.files import write_atomically
 
 
 class EpisodePictures(NamedTuple):

@@ -19,9 +19,10 @@ from evaluation.estimation import LEAST_STD, bound, truth
 from evaluation.heatmap import Heatmap
 from evaluation.naming import colour_of, label_of
 from evaluation.recorded import Encounter, Judged
-from evaluation.store import Row, write_atomically
+from evaluation.store import Row
 from foresight_env.envs.style import COLOURS as AGENT_COLOURS
 from foresight_env.envs.style import INTERVAL_DEVIATIONS
+from foresight_env.files import write_atomically
 from foresight_env.inverse import Estimate
 from foresight_env.scenarios.crosswalk import MONTE_CARLO
 

@@ -25,6 +25,8 @@ LABELS = {
     "cloned": "cloned oracle",
     "ppo": "PPO",
 }
+OTHERS = {"receding": "game agents", "idm": "IDM/MOBIL cars", "open_loop": "open-loop game agents"}
+"""Whom an ego drives among."""
 COLOURS = {
     "truth": "#000000",
     "foresight": "#0072B2",

@@ -12,7 +12,8 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from evaluation.store import Row, StoreError, write_atomically
+from evaluation.store import Row, StoreError
+from foresight_env.files import write_atomically
 
 WINDOW = ("recording", "content", "frame", "agents")
 """Columns that identify a window; `content` is the recording's digest."""

@@ -17,8 +17,9 @@ from evaluation.present import present
 from evaluation.published import compared
 from evaluation.replay import Replay, replay
 from evaluation.report_sections import Section, section
-from evaluation.store import Row, read_results, write_atomically
+from evaluation.store import Row, read_results
 from foresight_env import __version__
+from foresight_env.files import write_atomically
 
 METHOD_COLUMNS = ("ego", "predictor", "method")
 """Of rows: whose trial it is."""

@@ -7,9 +7,7 @@ have a row are not run again.
 from __future__ import annotations
 
 import json
-import os
 import platform
-import tempfile
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -18,6 +16,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from foresight_env import __version__
+from foresight_env.files import write_atomically
 
 Trial = dict[str, Any]
 """Arguments of one trial; holds at least the store's key columns."""
@@ -171,40 +170,3 @@ def _difference(kept: Mapping[str, Any], wanted: Mapping[str, Any]) -> str:
         names = sorted(n for n in old.keys() | new.keys() if old.get(n) != new.get(n))
         parts.append(f"another configuration ({', '.join(names)})")
     return " and ".join(parts)
-
-
-def write_atomically(path: Path, data: bytes, *, new: bool = False) -> None:
-    """Write beside `path`, then move: readers see the old file or the new one, never a half.
-
-    `new`: there must be no old one (`FileExistsError`), not even one written at this moment.
-    """
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    mask = os.umask(0)
-    os.umask(mask)
-    try:
-        os.chmod(temporary, 0o666 & ~mask)  # temporary files are private by default, results not
-        with os.fdopen(handle, "wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        if new:
-            _claim(Path(temporary), path)
-        else:
-            os.replace(temporary, path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
-
-
-def _claim(temporary: Path, path: Path) -> None:
-    """Give a file a name that nobody else has."""
-    try:
-        os.link(temporary, path)
-    except FileExistsError:
-        raise
-    except OSError:  # a file system without links, where another process cannot be kept out
-        if path.exists():
-            raise FileExistsError(path) from None
-        os.replace(temporary, path)
-    else:
-        temporary.unlink()

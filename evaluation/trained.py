@@ -15,7 +15,7 @@ from matplotlib.ticker import MaxNLocator
 from agents.learned.training import Epoch, Trained
 from agents.learned.weights import packed
 from evaluation.figures import save
-from evaluation.store import write_atomically
+from foresight_env.files import write_atomically
 
 
 def write_trained(

@@ -56,6 +56,7 @@ def test_wrappers(tmp_path):
     assert all(value < 0.0 for value in earned.values())
 
 
+@pytest.mark.rl
 def test_stable_baselines_trains():
     pytest.importorskip("stable_baselines3")
     before, after = example("train_sb3")["main"](steps=256, judged=2)
@@ -65,6 +66,7 @@ def test_stable_baselines_trains():
 
 # TorchRL 0.14 warns of what it calls itself, and of what it finds optional.
 @pytest.mark.filterwarnings("default")
+@pytest.mark.rl
 def test_everybody_learns_with_torchrl():
     pytest.importorskip("torchrl")
     returns = example("train_torchrl")["main"](batches=1, frames=200)
@@ -72,6 +74,7 @@ def test_everybody_learns_with_torchrl():
     assert np.isfinite(returns).all()
 
 
+@pytest.mark.rl
 def test_a_pytorch_model_predicts():
     pytest.importorskip("torch")
     losses = example("own_torch_predictor")["main"]()

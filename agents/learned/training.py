@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
-import tempfile
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -23,6 +21,7 @@ import optax
 from safetensors import SafetensorError, safe_open
 
 from agents.learned.weights import packed, unpacked
+from foresight_env.files import write_atomically
 
 Loss = Callable[[Any, Any], tuple[Any, Any]]
 """From a network and one example (a PyTree of arrays): a loss, and how much it counts."""
@@ -172,21 +171,7 @@ class Checkpoint:
     def save(self, tree: Any, curve: tuple[Epoch, ...]) -> None:
         """Keep this state in place of the one before."""
         head = {"about": json.dumps(self._about), "curve": json.dumps(curve)}
-        replace_file(self._file, packed(tree, head))
-
-
-def replace_file(path: Path, data: bytes) -> None:
-    """Write beside, then move: readers see the old file or the new one."""
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(temporary, path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
+        write_atomically(self._file, packed(tree, head))
 
 
 def _digest(tree: Any) -> str:

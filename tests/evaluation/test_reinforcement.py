@@ -11,6 +11,8 @@ from evaluation.reinforcement import PENALTY, REWARD_SCALE, Crosswalks, reinforc
 from foresight_env.envs.crosswalk_vector import CrosswalkVectorEnv
 from foresight_env.scenarios.crosswalk import CONTROL_LIMIT
 
+pytestmark = pytest.mark.rl
+
 SMALL = {"envs": 8, "steps": 12, "judged": 4}
 SCHEDULE = Schedule(epochs=3, batch=48, rate=1e-3, patience=9)
 

@@ -15,8 +15,9 @@ import stand_in
 import evaluation.store as store_module
 from evaluation import closed_loop, estimation
 from evaluation.attempt import Attempt
-from evaluation.store import Store, StoreError, read_results, write_atomically
+from evaluation.store import Store, StoreError, read_results
 from evaluation.trials import run_trials
+from foresight_env.files import write_atomically
 
 ROWS = stand_in.SEEDS * len(stand_in.EGOS)
 
