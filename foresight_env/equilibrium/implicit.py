@@ -141,7 +141,7 @@ def solution_tangent(
     factor = factorise(stage_system(layout, point, ev, eliminated), layout.equal_sizes)
 
     def conditions(p: Parameters) -> tuple[Array, Array, Array, Array]:
-        at = evaluate(layout, pairs, point, p, exact, options.barrier)
+        at = evaluate(layout, pairs, point, p, None, options.barrier)
         res = at.residual
         return res.stationarity, res.defect, res.rows, at.lin.penalty
 

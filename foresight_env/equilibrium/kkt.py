@@ -54,7 +54,7 @@ class Linearisation(NamedTuple):
     gradient: Float[Array, "T w"]
     """Each player's Lagrangian differentiated by its own part of `w`, without costates."""
     hessian: Float[Array, "T w w"]
-    """Rows: a player's own part; columns: everybody's."""
+    """Rows: a player's own part; columns: everybody's. NaN where it was not asked for."""
     a: Float[Array, "T n n"]
     b: Float[Array, "T n m"]
     defect: Float[Array, "T n"]
@@ -105,7 +105,7 @@ def _stage_cost(
     at: Array,
     theta: Theta,
     layout: Layout,
-    convexity: Scalar,
+    convexity: Scalar | None,
 ) -> Scalar:
     """A cost whose second derivatives at `at` are `convexity` parts Gauss-Newton, rest exact."""
     x, u = layout.split(w)
@@ -119,18 +119,21 @@ def _stage_cost(
     return cost.outer(_partly_linear(inner, w, at, convexity), theta)
 
 
-def _partly_linear(function, w: Array, at: Array, convexity: Scalar) -> Array:
+def _partly_linear(function, w: Array, at: Array, convexity: Scalar | None) -> Array:
+    if convexity is None:
+        return function(w)
     value, slope = jax.jvp(function, (at,), (w - at,))
     return convexity * (value + slope) + (1.0 - convexity) * function(w)
 
 
 def linearise(
-    layout: Layout, point: Iterate, parameters: Parameters, convexity: Scalar
+    layout: Layout, point: Iterate, parameters: Parameters, convexity: Scalar | None
 ) -> Linearisation:
     """Derivatives of all stages at `point`.
 
     `convexity` = 1 drops the curvature of proximity terms and constraints (every player's
-    own problem is then convex when its costs are); 0 is Newton's exact matrix.
+    own problem is then convex when its costs are); 0 is Newton's exact matrix; None: there is no
+    `hessian`, which is most of the work.
     """
     game = layout.game
     theta = parameters.theta
@@ -169,8 +172,14 @@ def linearise(
             return jax.grad(lagrangian, argnums=2)(i, t, v, w, scale, mult, row_share)
 
         directions = jnp.eye(w.size)[layout.owner == i]
-        rows = jax.vmap(lambda e: jax.jvp(slope, (w,), (e,))[1])(directions)
-        of_state, of_control = layout.split(slope(w))
+        if convexity is None:
+            gradient, rows = slope(w), jnp.full_like(directions, jnp.nan)
+        else:
+            # The gradient comes along with its changes: derivatives are traced once, not twice.
+            gradient, rows = jax.vmap(lambda e: jax.jvp(slope, (w,), (e,)), out_axes=(None, 0))(
+                directions
+            )
+        of_state, of_control = layout.split(gradient)
         size = game.state_sizes[i]
         return (of_state[i], rows[:size]), (of_control[i], rows[size:])
 
@@ -184,17 +193,18 @@ def linearise(
         x_now, u_now = layout.split_states(xp), layout.split_controls(w[layout.n :])
         for i, player in enumerate(game.players):
             dyn = player.dynamics
-            a_i, b_i = jax.jacfwd(lambda s, c, dyn=dyn: dyn(t, s, c), argnums=(0, 1))(
-                x_now[i], u_now[i]
-            )
+            (a_i, b_i), following = jax.jacfwd(
+                lambda s, c, dyn=dyn: (dyn(t, s, c),) * 2, argnums=(0, 1), has_aux=True
+            )(x_now[i], u_now[i])
             a_blocks.append(a_i)
             b_blocks.append(b_i)
-            nexts.append(dyn(t, x_now[i], u_now[i]))
+            nexts.append(following)
         a = jax.scipy.linalg.block_diag(*a_blocks)
         b = jax.scipy.linalg.block_diag(*b_blocks)
         defect = jnp.concatenate(nexts) - w[: layout.n]
-        values = layout.constraint_values(t, w, theta)
-        jacobian = jax.jacfwd(lambda v: layout.constraint_values(t, v, theta))(w)
+        jacobian, values = jax.jacfwd(
+            lambda v: (layout.constraint_values(t, v, theta),) * 2, has_aux=True
+        )(w)
         return gradient, hessian, a, b, defect, values, jacobian
 
     gradient, hessian, a, b, defect, values, jacobian = jax.vmap(stage)(

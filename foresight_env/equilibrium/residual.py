@@ -53,10 +53,13 @@ def evaluate(
     pairs: Pairs,
     point: Iterate,
     parameters: Parameters,
-    convexity: Scalar,
+    convexity: Scalar | None,
     barrier: Scalar | float,
 ) -> Evaluation:
-    """Derivatives and residuals at `point`, with products of `barrier` in mind."""
+    """Derivatives and residuals at `point`, with products of `barrier` in mind.
+
+    `convexity`: see `linearise`.
+    """
     lin = linearise(layout, point, parameters, convexity)
     q = costates(lin, layout.n)
     above, below = distances_to_bounds(layout, pairs, jnp.concatenate([point.x, point.u], axis=1))

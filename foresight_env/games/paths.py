@@ -7,6 +7,7 @@ array (M, 4) of points `[px, py, heading, curvature]` (m, m, rad, 1/m) at even d
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -23,6 +24,8 @@ WINDOW = 16
 """Points around the nearest that count at all."""
 
 
+# Inlined: a call of its own is traced once, however many cars ask for their offsets.
+@partial(jax.jit, inline=True)
 def path_offset(path: Float[Array, "M 4"], position: Float[Array, "2"]) -> Scalar:
     """Distance (m) to the left of the path, smooth in the position, to be differentiated twice.
 
@@ -37,8 +40,10 @@ def path_offset(path: Float[Array, "M 4"], position: Float[Array, "2"]) -> Scala
     here = jax.lax.stop_gradient(position)
     near = jax.lax.optimization_barrier(_points_near(path, here))
     # Beyond the window weights are below 1e-13, so that its moving on is not felt.
-    value, slope = jax.value_and_grad(_averaged_offset, argnums=1)(near, here)
-    curvature = jax.jacfwd(jax.grad(_averaged_offset, argnums=1), argnums=1)(near, here)
+    both = jax.value_and_grad(partial(_averaged_offset, near))
+    (value, slope), (_, curvature) = jax.vmap(
+        lambda e: jax.jvp(both, (here,), (e,)), out_axes=(None, 0)
+    )(jnp.eye(2))
     away = position - here
     return value + jnp.sum(slope * away) + 0.5 * jnp.sum(away[:, None] * curvature * away)
 

@@ -102,10 +102,14 @@ def unevaluated(
     problem: Problem, data: Data, base: Parameters, values: Float[Array, "p"], start: Start
 ) -> Fit:
     """A fit of infinite cost at `start`, from which loops begin."""
-    shapes = jax.eval_shape(lambda v, s: evaluate_fit(problem, data, base, v, s), values, start)
-    blank = jax.tree.map(lambda v: jnp.zeros(v.shape, v.dtype), shapes)
+    # The shapes are told here: to ask `evaluate_fit` for them would trace it a second time.
+    point = start.point
+    residual = jnp.zeros_like(residuals(problem, data, values, base.x0, point.x))
+    rates = jax.tree.map(lambda v: jnp.zeros((values.size, *v.shape), v.dtype), point)
+    jacobian = jnp.zeros((residual.size, values.size), residual.dtype)
     infinite = jnp.asarray(jnp.inf)
-    return blank._replace(values=values, cost=infinite, error=infinite, point=start.point)
+    no = jnp.zeros((), bool)
+    return Fit(values, infinite, residual, jacobian, point, rates, infinite, no)
 
 
 def solution_jacobian(
