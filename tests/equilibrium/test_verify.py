@@ -1,7 +1,11 @@
 """`verify` tells equilibria from mere first-order points; random crosswalks are all solved."""
 
+import os
+import subprocess
+import sys
 from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -111,3 +115,22 @@ def test_an_unsolved_game_is_never_an_equilibrium():
     found = solve(ring(), x0, theta, 0.9)
     failed = found._replace(status=np.asarray(int(Status.ITERATION_LIMIT)))
     assert not verify(ring(), failed, theta, 0.9).is_local_equilibrium
+
+
+ON_ONE_CORE = """
+import os
+os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+import numpy as np
+from foresight_env.equilibrium import solve, verify
+from test_verify import ring
+x0, theta = np.array([[0.8, 0.0, 0.0, 0.0]]), ({"height": 1.0},)
+assert verify(ring(), solve(ring(), x0, theta, 0.9), theta, 0.9).is_local_equilibrium
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="no affinity on this system")
+def test_one_core_is_enough():
+    """XLA compiles in another way there, and some LAPACK calls not at all (jaxlib 0.10)."""
+    here = Path(__file__).resolve().parent
+    run = subprocess.run([sys.executable, "-c", ON_ONE_CORE], cwd=here, capture_output=True)
+    assert run.returncode == 0, run.stderr.decode()
