@@ -14,7 +14,7 @@ from evaluation.benchmark import driven_parts, simulated_parts
 from evaluation.benchmark_page import print_parts
 from evaluation.benchmark_study import Plan
 from evaluation.closed_loop import summarise
-from evaluation.driving_report import OTHERS, distances_over_time, place, print_driving
+from evaluation.driving_report import distances_over_time, place, print_driving
 from evaluation.endings import COLLISION
 from evaluation.figures import HEATMAP_NAME, TRIAL_NAME, closed_loop_summary, error_against_noise
 from evaluation.intersection_report import (
@@ -23,7 +23,7 @@ from evaluation.intersection_report import (
     print_errors,
     print_gammas,
 )
-from evaluation.naming import label_of
+from evaluation.naming import OTHERS, label_of
 from evaluation.prediction_report import error_over_time, print_prediction
 from evaluation.recorded_windows import with_windows
 from evaluation.run_setting import RunSetting
