@@ -12,6 +12,8 @@ SOURCES := foresight_env agents evaluation benchmarks docs examples tests
 DATA ?=
 WINDOW ?= --recording 07 --tracks 201,205,207,208 --frames 26158:26320 --every 6
 PAPER ?= results/paper
+# `make test-rl TORCH=torch==2.13.0`: that release of PyTorch, or a file of a build without CUDA.
+TORCH ?= torch
 
 # Compiled programs are kept between runs; the library itself sets nothing of the kind.
 export JAX_COMPILATION_CACHE_DIR ?= $(CURDIR)/.cache/jax
@@ -36,10 +38,10 @@ test: $(INSTALLED) ## Run the tests
 	$(BIN)/python -m pytest $(ARGS)
 
 $(RL_INSTALLED): $(INSTALLED)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev,rl]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check '$(TORCH)' --editable '.[dev,rl]'
 	@touch $@
 
-test-rl: $(RL_INSTALLED) ## Run the tests of what needs PyTorch (installs it, some 6 GB)
+test-rl: $(RL_INSTALLED) ## Run the tests of what needs PyTorch (installs it: some GB)
 	$(BIN)/python -m pytest -m rl $(ARGS)
 
 lint: $(INSTALLED) ## Check formatting, style and types
