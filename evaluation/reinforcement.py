@@ -209,7 +209,7 @@ def _epoch(model: PPO, training: Crosswalks, number: int, schedule: Schedule) ->
 def _judge(model: PPO, validating: Crosswalks) -> float:
     """Minus the mean reward of episodes that are the same every time."""
     validating.begin_with(FIRST_SEED["validation"])
-    seen = validating.reset()
+    seen: Any = validating.reset()
     live, total = np.ones(validating.num_envs, bool), np.zeros(validating.num_envs)
     while live.any():
         actions, _ = model.predict(seen, deterministic=True)
