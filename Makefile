@@ -12,7 +12,7 @@ SOURCES := foresight_env agents evaluation benchmarks docs examples tests
 DATA ?=
 WINDOW ?= --recording 07 --tracks 201,205,207,208 --frames 26158:26320 --every 6
 PAPER ?= results/paper
-# `make test-rl TORCH=torch==2.13.0`: that release of PyTorch, or a file of a build without CUDA.
+# What pip is asked for: a release of PyTorch (`TORCH=torch==2.13.0`), or a wheel without CUDA.
 TORCH ?= torch
 
 # Compiled programs are kept between runs; the library itself sets nothing of the kind.

@@ -70,7 +70,10 @@ def player_cost(
 def _reduced_hessian(
     layout: Layout, options: Options, parameters: Parameters, point: Iterate
 ) -> Float[Array, "k k"]:
-    """Of a one-player game by all its controls, in current-value scaling."""
+    """Second derivatives of a one-player game's Lagrangian by all controls (k = T m).
+
+    States follow from controls, active constraints are stiff, stages are scaled to current value.
+    """
     pairs, exact = pairs_of(layout), jnp.zeros(())
     ev = evaluate(layout, pairs, point, parameters, exact, options.barrier)
     lin, n, m, horizon = ev.lin, layout.n, layout.m, layout.game.horizon
@@ -105,7 +108,7 @@ def _reduced_hessian(
 
 
 def _least_eigenvalue(matrix: Float[np.ndarray, "k k"]) -> float:
-    # Not in the compiled program: with one core, jaxlib 0.10 compiles no eigenvalues there.
+    # NumPy's: jaxlib 0.10 fails to compile its own on machines with one core.
     return float(np.linalg.eigvalsh(matrix)[0]) if np.isfinite(matrix).all() else np.nan
 
 
