@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from foresight_env.equilibrium.layout import Layout
+from foresight_env.equilibrium.peers import apart, block_diagonal, moving_alike, spread
 from foresight_env.equilibrium.small_matrices import matrix_product
 from foresight_env.games.types import Scalar
 
@@ -34,43 +35,50 @@ def dynamics_hessian(
     """
     if layout.linear:
         return None
-    n, horizon = layout.n, layout.game.horizon
-    stages = jnp.arange(1, horizon + 1)
-    blocks: dict[int, Array] = {}
-    for i, player in enumerate(layout.game.players):
-        if player.dynamics.linear:
-            continue
-        of_x, of_u = layout.state_slices[i], layout.control_slices[i]
-        size = player.dynamics.state_size
+    game = layout.game
+    stages = jnp.arange(1, game.horizon + 1)
+    runs = moving_alike(game)
+    blocks: list[Array] = []
+    """Of every run, (T, G, k, k)."""
+    for members in runs:
+        dynamics = game.players[members.start].dynamics
+        size = dynamics.state_size
 
-        def lagrangian(v, t, costate, dynamics=player.dynamics, size=size):
+        def lagrangian(v, costate, t, dynamics=dynamics, size=size):
             return jnp.dot(costate, dynamics(t, v[:size], v[size:]))
 
-        own = jnp.concatenate([previous[:, of_x], u[:, of_u]], axis=1)
-        blocks[i] = jax.vmap(jax.hessian(lagrangian))(own, stages, q[:, of_x])
+        states = apart(previous, layout.state_slices, members)
+        own = jnp.concatenate([states, apart(u, layout.control_slices, members)], axis=2)
+        if dynamics.linear:
+            blocks.append(jnp.zeros((*own.shape, own.shape[-1]), u.dtype))
+            continue
+        side_by_side = jax.vmap(jax.hessian(lagrangian), in_axes=(0, 0, None))
+        blocks.append(jax.vmap(side_by_side)(own, apart(q, layout.state_slices, members), stages))
     if convexity is not None:
 
-        def partly_convex(exact: dict[int, Array]) -> dict[int, Array]:
+        def partly_convex(exact: list[Array]) -> list[Array]:
             return jax.tree.map(
                 lambda b, positive: b + convexity * (positive - b), exact, _positive_parts(exact)
             )
 
         blocks = jax.lax.cond(convexity > 0.0, partly_convex, lambda b: b, blocks)
-    total = jnp.zeros((horizon, n + layout.m, n + layout.m), u.dtype)
-    for i, block in blocks.items():
-        of_x, of_u = layout.state_slices[i], layout.control_slices[i]
-        place = np.r_[of_x.start : of_x.stop, n + of_u.start : n + of_u.stop]
-        total = total.at[:, place[:, None], place[None, :]].set(block)
-    return total
+    sizes = [game.state_sizes[members.start] for members in runs]
+    kinds = [(slice(0, size), slice(size, None)) for size in sizes]
+
+    def quadrant(row: int, column: int) -> Array:
+        cuts = zip(blocks, kinds, strict=True)
+        return block_diagonal([spread(block[..., k[row], k[column]]) for block, k in cuts])
+
+    rows = [jnp.concatenate([quadrant(r, c) for c in (0, 1)], axis=2) for r in (0, 1)]
+    return jnp.concatenate(rows, axis=1)
 
 
-def _positive_parts(blocks: dict[int, Array]) -> dict[int, Array]:
-    """Of each player's blocks (T, k, k); of all players at once where these are of one size."""
-    sizes = {block.shape[-1] for block in blocks.values()}
-    if len(sizes) > 1:
-        return {i: positive_part(block) for i, block in blocks.items()}
-    positive = positive_part(jnp.stack(list(blocks.values())))
-    return dict(zip(blocks, positive, strict=True))
+def _positive_parts(blocks: list[Array]) -> list[Array]:
+    """Of all runs' blocks at once where these are of one size."""
+    if len({block.shape[-1] for block in blocks}) > 1:
+        return [positive_part(block) for block in blocks]
+    ends = np.cumsum([block.shape[1] for block in blocks])
+    return jnp.split(positive_part(jnp.concatenate(blocks, axis=1)), ends[:-1], axis=1)
 
 
 def positive_part(matrix: Float[Array, "*b k k"]) -> Float[Array, "*b k k"]:

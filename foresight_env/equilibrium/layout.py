@@ -7,7 +7,6 @@ player by player, then shared ones.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import pairwise
@@ -144,32 +143,26 @@ class Layout:
         self, t: Array, w: Float[Array, "w"], thetas: tuple[Theta, ...]
     ) -> Float[Array, "K"]:
         """All constraint rows of stage `t`."""
-        return self._values(t, w, thetas, range(len(self.game.players)))
-
-    def rows_of(self, i: int) -> np.ndarray:
-        """Numbers of the rows that `values_of` evaluates: player i's own, and all shared ones."""
-        return np.array([k for k, row in enumerate(self.rows) if row.player in (i, -1)], dtype=int)
-
-    def values_of(
-        self, i: int, t: Array, w: Float[Array, "w"], thetas: tuple[Theta, ...]
-    ) -> Float[Array, "own"]:
-        """The constraint rows of stage `t` that can bind player i."""
-        return self._values(t, w, thetas, (i,))
-
-    def _values(
-        self, t: Array, w: Array, thetas: tuple[Theta, ...], players: Iterable[int]
-    ) -> Array:
-        """Own rows of these players, then all shared ones."""
         x, u = self.split(w)
-        parts = [jnp.zeros(0, w.dtype)]
-        for i in players:
-            player = self.game.players[i]
-            own: tuple[Inequality | Equality, ...] = (*player.inequalities, *player.equalities)
-            for constraint in own:
-                parts.append(jnp.asarray(constraint.function(i, t, x, u, thetas[i])))
-        for shared in self.game.shared:
-            parts.append(jnp.asarray(shared.function(t, x, u, thetas)))
-        return jnp.concatenate(parts)
+        parts = [
+            jnp.asarray(constraint.function(i, t, x, u, thetas[i]))
+            for i in range(len(self.game.players))
+            for constraint in self.own_constraints(i)
+        ]
+        return jnp.concatenate([*parts, self.shared_values(t, w, thetas)])
+
+    def own_constraints(self, i: int) -> tuple[Inequality | Equality, ...]:
+        """Player i's, in the order of its rows."""
+        player = self.game.players[i]
+        return (*player.inequalities, *player.equalities)
+
+    def shared_values(
+        self, t: Array, w: Float[Array, "w"], thetas: tuple[Theta, ...]
+    ) -> Float[Array, "shared"]:
+        """The shared constraint rows of stage `t`, which are the last."""
+        x, u = self.split(w)
+        parts = [jnp.asarray(shared.function(t, x, u, thetas)) for shared in self.game.shared]
+        return jnp.concatenate([jnp.zeros(0, w.dtype), *parts])
 
     def penalties(self, thetas: tuple[Theta, ...]) -> Float[Array, "K"]:
         """(K,) upper limits of elastic multipliers; 1 for the other rows, which do not use it."""

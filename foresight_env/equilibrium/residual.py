@@ -9,16 +9,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from foresight_env.equilibrium.kkt import (
-    Iterate,
-    Linearisation,
-    Parameters,
-    costates,
-    linearise,
-    stationarity,
-)
+from foresight_env.equilibrium.kkt import Iterate, Parameters
 from foresight_env.equilibrium.layout import Layout
+from foresight_env.equilibrium.linearisation import Linearisation, linearise
 from foresight_env.equilibrium.pairs import Pairs, distances_to_bounds, split
+from foresight_env.equilibrium.recursion import affine_recursion
 from foresight_env.games.types import Scalar
 
 VIOLATED = 1e-4
@@ -95,3 +90,19 @@ def largest_multiplier(layout: Layout, point: Iterate) -> Scalar:
 
 def _largest(values: Array) -> Scalar:
     return jnp.max(jnp.abs(values), initial=0.0)
+
+
+def costates(lin: Linearisation, n: int) -> Float[Array, "T n"]:
+    """Each player's current-value costate of its own state, by the backward recursion."""
+
+    # q_t = g_t + (rho A)_{t+1}' q_{t+1}, and nothing comes after the last stage.
+    pulled = lin.rho[:, :, None] * jnp.swapaxes(lin.a, 1, 2)
+    pulled = jnp.concatenate([pulled[1:], jnp.zeros_like(pulled[:1])])
+    zero = jnp.zeros(n, lin.gradient.dtype)
+    return affine_recursion(pulled, lin.gradient[:, :n], zero, reverse=True)
+
+
+def stationarity(lin: Linearisation, q: Float[Array, "T n"]) -> Float[Array, "T m"]:
+    """`d_u L + B' q`: zero where no player can improve to first order."""
+    n = q.shape[1]
+    return lin.gradient[:, n:] + jnp.einsum("tnm,tn->tm", lin.b, q)

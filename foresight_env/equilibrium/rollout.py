@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from foresight_env.equilibrium.layout import Layout
+from foresight_env.equilibrium.peers import apart, moving_alike
 from foresight_env.games.types import AnyArray, StageNumber
 
 
 def _next_state(layout: Layout, t: StageNumber, x: Array, u: Array) -> Array:
-    players = zip(
-        layout.game.players, layout.split_states(x), layout.split_controls(u), strict=True
-    )
-    return jnp.concatenate([p.dynamics(t, s, c) for p, s, c in players])
+    nexts = []
+    for members in moving_alike(layout.game):
+        move = partial(layout.game.players[members.start].dynamics, t)
+        states, controls = layout.state_slices, layout.control_slices
+        following = jax.vmap(move)(apart(x, states, members), apart(u, controls, members))
+        nexts.append(following.ravel())
+    return jnp.concatenate(nexts)
 
 
 def rollout(

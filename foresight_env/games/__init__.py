@@ -1,5 +1,6 @@
 """What a game is: dynamics, stage costs, discounting, constraints, observation models."""
 
+from foresight_env.games.anonymous import Anonymous
 from foresight_env.games.constraints import (
     Bounds,
     Equality,
@@ -40,6 +41,7 @@ from foresight_env.games.stage import stage_cost
 from foresight_env.games.steering import Steering
 
 __all__ = [
+    "Anonymous",
     "BesideRoads",
     "BodyGap",
     "Bounds",

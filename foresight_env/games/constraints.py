@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from foresight_env.games.anonymous import Anonymous
 from foresight_env.games.costs import Weight, weight_value
 from foresight_env.games.types import (
     ConstraintFunction,
@@ -113,7 +114,7 @@ class SharedInequality:
 
 
 @dataclass(frozen=True)
-class KeepApart:
+class KeepApart(Anonymous):
     """`||p_i - p_j||^2 - threshold` for every other player j, (N - 1,), m^2 (paper, eq. 6).
 
     The paper writes `threshold = delta * d_min`; it is compared with a *squared* distance.

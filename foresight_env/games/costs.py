@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from foresight_env.games.anonymous import Anonymous
 from foresight_env.games.types import Controls, Scalar, StageNumber, States, Theta
 
 Weight = float | str
@@ -50,7 +51,7 @@ def distances(i: int, x: States) -> Float[Array, "others"]:
 
 
 @dataclass(frozen=True)
-class Goal:
+class Goal(Anonymous):
     """`w * ||p - goal||^2`, goal (2,) in metres from `theta[goal]`."""
 
     weight: Weight = 1.0
@@ -61,7 +62,7 @@ class Goal:
 
 
 @dataclass(frozen=True)
-class Effort:
+class Effort(Anonymous):
     """`w * ||u||^2`."""
 
     weight: Weight = 0.1
@@ -71,7 +72,7 @@ class Effort:
 
 
 @dataclass(frozen=True)
-class SquaredDistanceHinge:
+class SquaredDistanceHinge(Anonymous):
     """`w * sum_j max(0, distance - ||p_i - p_j||)^2`: the reference implementation's proximity."""
 
     distance: Weight = 1.2
@@ -90,7 +91,7 @@ class SquaredDistanceHinge:
 
 
 @dataclass(frozen=True)
-class SigmoidProximity:
+class SigmoidProximity(Anonymous):
     """`w * sum_j 1 / (1 + exp(sharpness * (||p_i - p_j|| - distance)))` over `others` (inD game).
 
     `others`: indices of the players that count; None means all.
@@ -108,9 +109,13 @@ class SigmoidProximity:
         gap = distances(0, (x[i], *(x[j] for j in chosen))) - weight_value(self.distance, theta)
         return weight_value(self.weight, theta) * jnp.sum(jax.nn.sigmoid(-self.sharpness * gap))
 
+    def tells_apart(self, i: int, j: int) -> bool:
+        """Whether one of them counts for others and one does not."""
+        return self.others is not None and (i in self.others) != (j in self.others)
+
 
 @dataclass(frozen=True)
-class TargetSpeed:
+class TargetSpeed(Anonymous):
     """`w * (v - target)^2` for states whose third entry is the speed (m/s), as a bicycle's."""
 
     target: Weight

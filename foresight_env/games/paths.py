@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from foresight_env.games.anonymous import Anonymous
 from foresight_env.games.costs import Weight, weight_value
 from foresight_env.games.types import Controls, Scalar, StageNumber, States, Theta
 
@@ -66,7 +67,7 @@ def _averaged_offset(path: Float[Array, "window 4"], position: Float[Array, "2"]
 
 
 @dataclass(frozen=True)
-class PathFollowing:
+class PathFollowing(Anonymous):
     """`w * offset^2` from the path in `theta`."""
 
     weight: Weight
@@ -85,7 +86,7 @@ class PathFollowing:
 
 
 @dataclass(frozen=True)
-class InLane:
+class InLane(Anonymous):
     """Constraint `half_width - |offset| >= 0` from the path in `theta`: its two sides (2,), m."""
 
     half_width: float
@@ -99,7 +100,7 @@ class InLane:
 
 
 @dataclass(frozen=True)
-class BodyGap:
+class BodyGap(Anonymous):
     """`w * sum max(0, distance - d)^2` over pairs of own and others' discs, `d` between centres.
 
     Every car is covered by two discs, `reach` m before and behind its middle along its heading.

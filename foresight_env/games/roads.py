@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from foresight_env.games.anonymous import Anonymous
 from foresight_env.games.costs import Weight, weight_value
 from foresight_env.games.types import AnyArray, Controls, Scalar, StageNumber, States, Theta
 
@@ -73,7 +74,7 @@ class RoadSide:
 
 
 @dataclass(frozen=True)
-class OutsideCircles:
+class OutsideCircles(Anonymous):
     """`||p - center||^2 - (shrink * radius)^2` for every circle, (circles,), m^2."""
 
     circles: tuple[Circle, ...]
@@ -95,7 +96,7 @@ class OutsideCircles:
 
 
 @dataclass(frozen=True)
-class BesideRoads:
+class BesideRoads(Anonymous):
     """Signed distance (m) to every road side, positive on the road, (sides,).
 
     A sigmoid along the side lifts the distance by `lift` metres behind `start`, and by half of that
@@ -211,7 +212,7 @@ class Lane:
 
 
 @dataclass(frozen=True)
-class LaneCenter:
+class LaneCenter(Anonymous):
     """`w * offset^2`: squared distance to the lane's centre line (paper, section VI-B)."""
 
     lane: Lane

@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from foresight_env.games.anonymous import Anonymous
 from foresight_env.games.constraints import (
     Bounds,
     Inequality,
@@ -48,7 +49,7 @@ Proximity = Literal["soft", "hard", "reference"]
 
 
 @dataclass(frozen=True)
-class ReferenceProximity:
+class ReferenceProximity(Anonymous):
     """The reference implementation's collision cost: at `x_t` instead of `x_{t+1}`, t = 1..T.
 
     `x_1` is given, so what remains is a cost of `x_2..x_T` and none of the last state.

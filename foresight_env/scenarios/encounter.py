@@ -13,6 +13,7 @@ from typing import Any
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from foresight_env.games.anonymous import Anonymous
 from foresight_env.games.constraints import Bounds
 from foresight_env.games.costs import Effort, TargetSpeed, Weight, distances, weight_value
 from foresight_env.games.dynamics import CurvatureVehicle, DoubleIntegrator
@@ -53,7 +54,7 @@ def wanted_distance(kind: str, other: str) -> float:
 
 
 @dataclass(frozen=True)
-class Cruise:
+class Cruise(Anonymous):
     """`w * ||v - velocity||^2` with the wanted velocity (2,) in `theta`, m/s."""
 
     weight: Weight
@@ -65,7 +66,7 @@ class Cruise:
 
 
 @dataclass(frozen=True)
-class Crowding:
+class Crowding(Anonymous):
     """`w * sum_j max(0, d_ij - ||p_i - p_j||)^2`, `d_ij` the distance that i wants of j."""
 
     wanted: tuple[tuple[float, ...], ...]
@@ -74,14 +75,20 @@ class Crowding:
     def inner(
         self, i: int, t: StageNumber, x: States, u: Controls, theta: Theta
     ) -> Float[Array, "others"]:
-        wanted = [d for j, d in enumerate(self.wanted[i]) if j != i]
-        return jnp.asarray(wanted) - distances(i, x)
+        return jnp.asarray(self._of_others(i)) - distances(i, x)
 
     def outer(self, value: Float[Array, "others"], theta: Theta) -> Scalar:
         return weight_value(self.weight, theta) * jnp.sum(jnp.maximum(value, 0.0) ** 2)
 
     def __call__(self, i: int, t: StageNumber, x: States, u: Controls, theta: Theta) -> Scalar:
         return self.outer(self.inner(i, t, x, u, theta), theta)
+
+    def tells_apart(self, i: int, j: int) -> bool:
+        """Whether they want other distances of the others."""
+        return self._of_others(i) != self._of_others(j)
+
+    def _of_others(self, i: int) -> tuple[float, ...]:
+        return tuple(d for j, d in enumerate(self.wanted[i]) if j != i)
 
 
 def player_theta(kind: str, wish: Any) -> dict[str, Any]:

@@ -1,0 +1,242 @@
+"""Derivatives of all that a game's first-order conditions consist of, per stage.
+
+Players that are alike are evaluated side by side (module `peers`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from foresight_env.equilibrium.kkt import Iterate, Parameters, discount_ratios, row_shares
+from foresight_env.equilibrium.layout import Layout
+from foresight_env.equilibrium.pairs import split
+from foresight_env.equilibrium.peers import (
+    Peers,
+    apart,
+    block_diagonal,
+    in_place,
+    moving_alike,
+    peers_of,
+    spread,
+    stack,
+)
+from foresight_env.games.costs import Composite
+from foresight_env.games.types import CostFunction, Scalar, Theta
+
+
+class Linearisation(NamedTuple):
+    """Everything that a Newton step needs, per stage."""
+
+    gradient: Float[Array, "T w"]
+    """Each player's Lagrangian differentiated by its own part of `w`, without costates."""
+    hessian: Float[Array, "T w w"]
+    """Rows: a player's own part; columns: everybody's. NaN where it was not asked for."""
+    a: Float[Array, "T n n"]
+    b: Float[Array, "T n m"]
+    defect: Float[Array, "T n"]
+    rho: Float[Array, "T n"]
+    values: Float[Array, "T K"]
+    jacobian: Float[Array, "T K w"]
+    share: Float[Array, "T K w"]
+    """How strongly row k's multiplier acts on the owner of an entry of `w`."""
+    penalty: Float[Array, "K"]
+    previous: Float[Array, "T n"]
+    """The states that stages start from: x_1 (given) to x_T."""
+
+
+def _stage_cost(
+    cost: CostFunction,
+    i: int,
+    t: Array,
+    w: Array,
+    at: Array,
+    theta: Theta,
+    layout: Layout,
+    convexity: Scalar | None,
+) -> Scalar:
+    """A cost whose second derivatives at `at` are `convexity` parts Gauss-Newton, rest exact."""
+    x, u = layout.split(w)
+    if not isinstance(cost, Composite):
+        return jnp.asarray(cost(i, t, x, u, theta))
+
+    def inner(v: Array) -> Array:
+        vx, vu = layout.split(v)
+        return jnp.asarray(cost.inner(i, t, vx, vu, theta))
+
+    return cost.outer(_partly_linear(inner, w, at, convexity), theta)
+
+
+def _partly_linear(function, w: Array, at: Array, convexity: Scalar | None) -> Array:
+    if convexity is None:
+        return function(w)
+    value, slope = jax.jvp(function, (at,), (w - at,))
+    return convexity * (value + slope) + (1.0 - convexity) * function(w)
+
+
+def _with_jacobian(function: Callable[[Array], Array], at: Array) -> tuple[Array, Array]:
+    """Jacobian and value from one evaluation."""
+    return jax.jacfwd(lambda v: (function(v),) * 2, has_aux=True)(at)
+
+
+def _rows(layout: Layout, these: Peers, t: Array, w: Array, theta: Theta) -> Array:
+    """A peer's own constraint rows."""
+    x, u = layout.split(w)
+    return jnp.concatenate([jnp.asarray(g(these.first, t, x, u, theta)) for g in these.constraints])
+
+
+def linearise(
+    layout: Layout, point: Iterate, parameters: Parameters, convexity: Scalar | None
+) -> Linearisation:
+    """Derivatives of all stages at `point`.
+
+    `convexity` = 1 drops the curvature of proximity terms and constraints (every player's
+    own problem is then convex when its costs are); 0 is Newton's exact matrix; None: there is no
+    `hessian`, which is most of the work.
+    """
+    game = layout.game
+    theta = parameters.theta
+    stages = jnp.arange(1, game.horizon + 1)
+    ratios = discount_ratios(layout, parameters.gamma)
+    share = row_shares(layout, ratios)
+    undiscounted = jnp.exp(-jnp.cumsum(jnp.log(jnp.maximum(ratios, 1e-300)), axis=0))
+    rho = ratios[:, layout.state_owner]
+    penalty = layout.penalties(theta).astype(point.x.dtype)
+    mult = split(layout, point.mult)
+    previous = jnp.concatenate([parameters.x0[None], point.x[:-1]])
+    w = jnp.concatenate([point.x, point.u], axis=1)
+
+    peers = [(these, stack(theta, these.members)) for these in peers_of(layout, theta)]
+
+    def lagrangian(these, t, w, at, own, scale, price):
+        """A peer's, without shared constraints."""
+        total = jnp.zeros(())
+        for cost in these.costs:
+            total += _stage_cost(cost, these.first, t, w, at, own, layout, convexity)
+        for cost in these.undiscounted_costs:
+            total += scale * _stage_cost(cost, these.first, t, w, at, own, layout, convexity)
+        if these.constraints:
+            values = _partly_linear(lambda v: _rows(layout, these, t, v, own), w, at, convexity)
+            total -= jnp.sum(price * values)
+        return total
+
+    def own_part(these, t, w, own, scale, price, back):
+        """A peer's gradient (own,) and Hessian rows (own, w) of its own entries of `w`.
+
+        The Hessian is symmetric: its rows are its columns, each the change of the whole gradient in
+        one of the player's own directions.
+        """
+        directions = jnp.eye(w.size)[layout.owner == these.first]
+
+        def slope(v):
+            return jax.grad(lagrangian, argnums=2)(these, t, v, w, own, scale, price)
+
+        if convexity is None:
+            gradient, rows = slope(w), jnp.full_like(directions, jnp.nan)
+        else:
+            # The gradient comes along with its changes: derivatives are traced once, not twice.
+            gradient, rows = jax.vmap(lambda e: jax.jvp(slope, (w,), (e,)), out_axes=(None, 0))(
+                directions
+            )
+        x, u = layout.split(gradient)
+        return jnp.concatenate([x[these.first], u[these.first]]), returned(these, rows, back)
+
+    def own_rows(these, t, w, own, back):
+        """A peer's constraint rows (own,) and their Jacobian (own, w)."""
+        jacobian, values = _with_jacobian(lambda v: _rows(layout, these, t, v, own), w)
+        return values, returned(these, jacobian, back)
+
+    def returned(these, columns, back):
+        """From a peer's view of the stage vector to the vector itself; who is alone sees that."""
+        return columns if len(these.members) == 1 else columns[:, back]
+
+    def shared_part(t, w, price):
+        """What shared rows, at everybody's own prices (shared, w), add to each player's part."""
+
+        def rows(v):
+            return layout.shared_values(t, v, theta)
+
+        def curvature(e, paid):
+            slope = jax.grad(lambda v: -jnp.sum(paid * _partly_linear(rows, v, w, convexity)))
+            return jax.jvp(slope, (w,), (e,))[1]
+
+        jacobian, values = _with_jacobian(rows, w)
+        hessian = jnp.full((w.size, w.size), jnp.nan)
+        if convexity is not None:
+            hessian = jax.vmap(curvature)(jnp.eye(w.size), price.T)
+        return -jnp.sum(price * jacobian, axis=0), hessian, values, jacobian
+
+    def stage(t, w, xp, scale, mult, row_share):
+        gradient, hessian = jnp.zeros_like(w), jnp.zeros((w.size, w.size), w.dtype)
+        numbers, values = [np.arange(0)], [jnp.zeros(0, w.dtype)]
+        jacobians = [jnp.zeros((0, w.size), w.dtype)]
+        for these, own in peers:
+            members = np.array(these.members)
+            begins = np.array([layout.state_slices[i].start for i in members])
+            price = row_share[these.rows, begins[:, None]] * mult[these.rows]
+            seen = w[None] if len(members) == 1 else w[these.view]
+            back = jnp.asarray(these.back)
+            slopes, curves = jax.vmap(partial(own_part, these, t))(
+                seen, own, scale[members], price, back
+            )
+            gradient += in_place(layout, these.members, slopes)
+            hessian += in_place(layout, these.members, curves)
+            if these.constraints:
+                value, jacobian = jax.vmap(partial(own_rows, these, t))(seen, own, back)
+                numbers.append(these.rows.ravel())
+                values.append(value.ravel())
+                jacobians.append(jacobian.reshape(-1, w.size))
+        if game.shared:
+            first = sum(map(len, numbers))
+            price = row_share[first:] * mult[first:, None]
+            slopes, curves, value, jacobian = shared_part(t, w, price)
+            gradient, hessian = gradient + slopes, hessian + curves
+            numbers.append(np.arange(first, len(layout.rows)))
+            values.append(value)
+            jacobians.append(jacobian)
+        order = np.argsort(np.concatenate(numbers))
+        value, jacobian = jnp.concatenate(values), jnp.concatenate(jacobians)
+        if (order != np.arange(order.size)).any():
+            value, jacobian = value[order], jacobian[order]
+        a_blocks, b_blocks, nexts = [], [], []
+        for members in moving_alike(game):
+            dynamics = game.players[members.start].dynamics
+            size = dynamics.state_size
+
+            def move(v, f=dynamics, size=size):
+                return f(t, v[:size], v[size:])
+
+            now = jnp.concatenate(
+                [
+                    apart(xp, layout.state_slices, members),
+                    apart(w[layout.n :], layout.control_slices, members),
+                ],
+                axis=1,
+            )
+            both, following = jax.vmap(partial(_with_jacobian, move))(now)
+            a_blocks.append(spread(both[..., :size]))
+            b_blocks.append(spread(both[..., size:]))
+            nexts.append(following.ravel())
+        return (
+            gradient,
+            hessian,
+            block_diagonal(a_blocks),
+            block_diagonal(b_blocks),
+            jnp.concatenate(nexts) - w[: layout.n],
+            value,
+            jacobian,
+        )
+
+    gradient, hessian, a, b, defect, values, jacobian = jax.vmap(stage)(
+        stages, w, previous, undiscounted, mult.row, share
+    )
+    gradient = gradient - mult.low + mult.high
+    return Linearisation(
+        gradient, hessian, a, b, defect, rho, values, jacobian, share, penalty, previous
+    )

@@ -1,0 +1,233 @@
+"""Players that are alike are evaluated side by side: the numbers must be those of one by one."""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from foresight_env.equilibrium.kkt import Iterate, Parameters
+from foresight_env.equilibrium.layout import layout_of
+from foresight_env.equilibrium.newton_system import eliminate_pairs, on_the_path, stage_system
+from foresight_env.equilibrium.pairs import pairs_of
+from foresight_env.equilibrium.peers import moving_alike, peers_of
+from foresight_env.equilibrium.residual import evaluate
+from foresight_env.games import Circle, Composite, Effort, Game, Goal, Lane, RoadSide
+from foresight_env.games.anonymous import tells_apart
+from foresight_env.scenarios import crosswalk, driving, encounter, intersection
+from foresight_env.scenarios.intersection import Region
+
+HORIZON = 4
+
+
+def straight(offset):
+    places = np.linspace(-20.0, 40.0, 31)
+    zero = np.zeros_like(places)
+    return np.stack([places, zero + offset, zero, zero], axis=1)
+
+
+def crossing(players, proximity):
+    theta = [crosswalk.player_theta(np.array([k, 1.0])) for k in range(players)]
+    return crosswalk.crosswalk_game(players, HORIZON, proximity), theta
+
+
+REGION = Region((Circle((5.0, 5.0), 1.0),), (RoadSide((0.0, -9.0), (30.0, -9.0), "left"),))
+
+
+def junction(*kinds, lanes=None):
+    lanes = (None,) * len(kinds) if lanes is None else lanes
+    game = intersection.intersection_game(kinds, lanes, REGION, HORIZON)
+    theta = [intersection.player_theta(kind, np.array([k, 3.0])) for k, kind in enumerate(kinds)]
+    return game, theta
+
+
+def meeting(*kinds):
+    theta = [
+        encounter.player_theta(
+            kind, (5.0, 0.01) if encounter.is_vehicle(kind) else np.array([1.0, k])
+        )
+        for k, kind in enumerate(kinds)
+    ]
+    return encounter.encounter_game(kinds, HORIZON, 0.1), theta
+
+
+def drive():
+    theta = [
+        driving.player_theta(straight(0.1 * k), 5.0 + k, np.array([30.0, 0.0])) for k in range(3)
+    ]
+    return driving.driving_game(3, HORIZON), theta
+
+
+GAMES = {
+    "soft": lambda: crossing(3, "soft"),
+    "shared": lambda: crossing(3, "hard"),
+    "undiscounted": lambda: crossing(2, "reference"),
+    "cars": drive,
+    "mixed": lambda: junction("car", "pedestrian", "pedestrian", "car", "car"),
+    "in turn": lambda: junction("pedestrian", "car", "pedestrian"),
+    "lanes": lambda: junction(
+        "car", "car", "car", lanes=(Lane((0.1, 0.0, 1.0)), None, Lane((0.2, 1.0)))
+    ),
+    "meeting": lambda: meeting("pedestrian", "pedestrian", "car", "car", "bicycle"),
+}
+
+
+@dataclass(frozen=True)
+class Nameless:
+    """The same function, which does not say whom it tells apart."""
+
+    function: Any
+
+    def __call__(self, *arguments):
+        return self.function(*arguments)
+
+
+@dataclass(frozen=True)
+class NamelessComposite(Nameless):
+    def inner(self, *arguments):
+        return self.function.inner(*arguments)
+
+    def outer(self, *arguments):
+        return self.function.outer(*arguments)
+
+
+def one_by_one(game: Game) -> Game:
+    """The same game, with no players that are known to be alike."""
+
+    def nameless(costs):
+        return tuple(
+            (NamelessComposite if isinstance(cost, Composite) else Nameless)(cost) for cost in costs
+        )
+
+    players = [
+        replace(
+            player,
+            costs=nameless(player.costs),
+            undiscounted_costs=nameless(player.undiscounted_costs),
+            inequalities=tuple(
+                replace(c, function=Nameless(c.function)) for c in player.inequalities
+            ),
+            # Equal dynamics are told apart, too.
+            dynamics=Numbered(player.dynamics, number),
+        )
+        for number, player in enumerate(game.players)
+    ]
+    return replace(game, players=tuple(players))
+
+
+@dataclass(frozen=True)
+class Numbered:
+    dynamics: Any
+    number: int
+
+    def __getattr__(self, name):
+        return getattr(self.dynamics, name)
+
+    @property
+    def state_size(self):
+        return self.dynamics.state_size
+
+    @property
+    def control_size(self):
+        return self.dynamics.control_size
+
+    @property
+    def linear(self):
+        return self.dynamics.linear
+
+    def __call__(self, *arguments):
+        return self.dynamics(*arguments)
+
+
+def members(game, theta):
+    return sorted({tuple(these.members) for these in peers_of(layout_of(game), tuple(theta))})
+
+
+def test_who_is_alike():
+    assert members(*GAMES["soft"]()) == [(0, 1, 2)]
+    assert members(*GAMES["cars"]()) == [(0, 1, 2)]
+    assert members(*GAMES["mixed"]()) == [(0,), (1, 2), (3, 4)]
+    assert members(*GAMES["in turn"]()) == [(0,), (1,), (2,)]
+    assert members(*GAMES["meeting"]()) == [(0, 1), (2, 3), (4,)]
+    # Lanes are their owners' alone; everything else is common.
+    assert members(*GAMES["lanes"]()) == [(0,), (0, 1, 2), (2,)]
+    game, theta = GAMES["mixed"]()
+    assert [tuple(run) for run in moving_alike(game)] == [(0,), (1, 2), (3, 4)]
+    assert members(one_by_one(game), theta) == [(0,), (1,), (2,), (3,), (4,)]
+    # Arrays of other shapes cannot stand side by side.
+    game, theta = GAMES["cars"]()
+    theta[1] = {**theta[1], "path": straight(0.1)[:20]}
+    assert members(game, theta) == [(0,), (1,), (2,)]
+
+
+def at_random(game, theta):
+    random, layout = np.random.default_rng(0), layout_of(game)
+    pairs = layout.pair_count
+    point = Iterate(
+        jnp.asarray(1.0 + random.normal(size=(HORIZON, layout.n))),
+        jnp.asarray(0.1 * random.normal(size=(HORIZON, layout.m))),
+        jnp.asarray(random.uniform(0.1, 1.0, (HORIZON, pairs))),
+        jnp.asarray(random.uniform(0.1, 1.0, (HORIZON, pairs))),
+    )
+    thetas = tuple({k: jnp.asarray(v, float) for k, v in t.items()} for t in theta)
+    gamma = jnp.asarray(random.uniform(0.5, 1.0, len(game.players)))
+    return point, Parameters(jnp.asarray(random.normal(size=layout.n)), thetas, gamma)
+
+
+@pytest.mark.parametrize("name", GAMES)
+def test_side_by_side_is_one_by_one(name):
+    game, theta = GAMES[name]()
+
+    def systems(game):
+        layout, pairs = layout_of(game), pairs_of(layout_of(game))
+        convexity = jnp.asarray(0.4)
+
+        @jax.jit
+        def both(point, parameters):
+            ev = evaluate(layout, pairs, point, parameters, convexity, 1e-3)
+            linear = on_the_path(pairs, point, jnp.zeros(()))
+            eliminated = eliminate_pairs(layout, pairs, linear)
+            return ev, stage_system(layout, point, ev, eliminated, convexity)
+
+        return both(*at_random(game, theta))
+
+    with jax.enable_x64(True):
+        found, wanted = systems(game), systems(one_by_one(game))
+    assert any(len(these) > 1 for these in members(game, theta)) or name == "in turn"
+    jax.tree.map(
+        lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-12, atol=1e-10), found, wanted
+    )
+
+
+@pytest.mark.parametrize("name", GAMES)
+def test_parts_that_are_alike_say_so_truly(name):
+    """Given its own view of the others, one number's function is the other's."""
+    game, theta = GAMES[name]()
+    random = np.random.default_rng(1)
+    x = [jnp.asarray(random.normal(size=n)) for n in game.state_sizes]
+    u = [jnp.asarray(0.1 * random.normal(size=m)) for m in game.control_sizes]
+    compared = 0
+    for these in peers_of(layout_of(game), tuple(theta)):
+        first = these.first
+        for i in these.members[1:]:
+            order = [j for j in range(len(x)) if j != i]
+            order.insert(first, i)
+            seen = tuple(x[j] for j in order), tuple(u[j] for j in order)
+            for part in (*these.costs, *these.undiscounted_costs, *these.constraints):
+                own = part(i, 1, tuple(x), tuple(u), theta[i])
+                np.testing.assert_allclose(part(first, 1, *seen, theta[i]), own)
+                compared += 1
+    assert compared or name == "in turn"
+
+
+def test_strangers_are_told_apart():
+    assert tells_apart(lambda i, t, x, u, theta: x[0][0], 0, 1)
+    assert not tells_apart(Goal(), 0, 1)
+    walker, car = "pedestrian", "car"
+    game, _ = junction(walker, walker, car)
+    near = game.players[0].costs[2]
+    assert not tells_apart(near, 0, 1)
+    assert tells_apart(near, 1, 2)
+    assert not tells_apart(Effort(), 0, 5)
