@@ -25,6 +25,7 @@ from foresight_env.games.types import (
     States,
     Theta,
 )
+from foresight_env.games.vectors import squared_length
 
 Limits = tuple[tuple[float, ...], ...]
 Limit = float | Sequence[float] | np.ndarray
@@ -125,7 +126,7 @@ class KeepApart(Anonymous):
     def __call__(
         self, i: int, t: StageNumber, x: States, u: Controls, theta: Theta
     ) -> Float[Array, "others"]:
-        gaps = [jnp.sum((x[i][:2] - xj[:2]) ** 2) for j, xj in enumerate(x) if j != i]
+        gaps = [squared_length(x[i][:2] - xj[:2]) for j, xj in enumerate(x) if j != i]
         return jnp.stack(gaps) - weight_value(self.threshold, theta)
 
 
@@ -139,5 +140,5 @@ class KeepAllApart:
         self, t: StageNumber, x: States, u: Controls, thetas: tuple[Theta, ...]
     ) -> Float[Array, "pairs"]:
         pairs = [(i, j) for i in range(len(x)) for j in range(i + 1, len(x))]
-        gaps = [jnp.sum((x[i][:2] - x[j][:2]) ** 2) for i, j in pairs]
+        gaps = [squared_length(x[i][:2] - x[j][:2]) for i, j in pairs]
         return jnp.stack(gaps) - self.threshold

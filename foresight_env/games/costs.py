@@ -15,6 +15,7 @@ from jaxtyping import Array, Float
 
 from foresight_env.games.anonymous import Anonymous
 from foresight_env.games.types import Controls, Scalar, StageNumber, States, Theta
+from foresight_env.games.vectors import squared_length
 
 Weight = float | str
 
@@ -44,7 +45,7 @@ def distances(i: int, x: States) -> Float[Array, "others"]:
     others = [x[i][:2] - xj[:2] for j, xj in enumerate(x) if j != i]
     if not others:
         return jnp.zeros(0)
-    squared = jnp.stack([jnp.sum(d**2) for d in others])
+    squared = jnp.stack([squared_length(d) for d in others])
     # The square root has no derivative at 0: agents exactly on top of each other get gradient 0.
     positive = jnp.where(squared > 0.0, squared, 1.0)
     return jnp.where(squared > 0.0, jnp.sqrt(positive), 0.0)
@@ -58,7 +59,7 @@ class Goal(Anonymous):
     goal: str = "goal"
 
     def __call__(self, i: int, t: StageNumber, x: States, u: Controls, theta: Theta) -> Scalar:
-        return weight_value(self.weight, theta) * jnp.sum((x[i][:2] - theta[self.goal]) ** 2)
+        return weight_value(self.weight, theta) * squared_length(x[i][:2] - theta[self.goal])
 
 
 @dataclass(frozen=True)
@@ -68,7 +69,7 @@ class Effort(Anonymous):
     weight: Weight = 0.1
 
     def __call__(self, i: int, t: StageNumber, x: States, u: Controls, theta: Theta) -> Scalar:
-        return weight_value(self.weight, theta) * jnp.sum(u[i] ** 2)
+        return weight_value(self.weight, theta) * squared_length(u[i])
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from jaxtyping import Array, Float
 from foresight_env.games.anonymous import Anonymous
 from foresight_env.games.costs import Weight, weight_value
 from foresight_env.games.types import AnyArray, Controls, Scalar, StageNumber, States, Theta
+from foresight_env.games.vectors import dot, squared_length
 
 Point = tuple[float, float]
 
@@ -92,7 +93,7 @@ class OutsideCircles(Anonymous):
     ) -> Float[Array, "circles"]:
         centers = jnp.asarray([c.center for c in self.circles])
         radii = self.shrink * jnp.asarray([c.radius for c in self.circles])
-        return jnp.sum((x[i][:2] - centers) ** 2, axis=1) - radii**2
+        return squared_length(x[i][:2] - centers) - radii**2
 
 
 @dataclass(frozen=True)
@@ -125,9 +126,9 @@ class BesideRoads(Anonymous):
         sign = np.array([1.0 if s.road == "left" else -1.0 for s in self.sides])
         inward = sign[:, None] * np.stack([-along[:, 1], along[:, 0]], axis=1)
         offset = x[i][:2] - starts
-        ahead = jnp.sum(offset * along, axis=1)
+        ahead = dot(offset, along)
         lift = self.lift * jax.nn.sigmoid(-self.sharpness * ahead)
-        return jnp.sum(offset * inward, axis=1) + lift
+        return dot(offset, inward) + lift
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,7 @@ from foresight_env.games.dynamics import CurvatureVehicle, DoubleIntegrator
 from foresight_env.games.game import Game, Player
 from foresight_env.games.steering import Steering
 from foresight_env.games.types import Controls, Scalar, StageNumber, States, Theta
+from foresight_env.games.vectors import squared_length
 
 CRUISE_WEIGHT = 0.5
 CONTROL_WEIGHT = 1.0
@@ -62,7 +63,7 @@ class Cruise(Anonymous):
 
     def __call__(self, i: int, t: StageNumber, x: States, u: Controls, theta: Theta) -> Scalar:
         error = x[i][2:4] - theta[self.velocity]
-        return weight_value(self.weight, theta) * jnp.sum(error**2)
+        return weight_value(self.weight, theta) * squared_length(error)
 
 
 @dataclass(frozen=True)
