@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -28,7 +28,11 @@ from foresight_env.equilibrium.peers import (
     stack,
 )
 from foresight_env.games.costs import Composite
-from foresight_env.games.types import CostFunction, Scalar, Theta
+from foresight_env.games.types import Controls, CostFunction, Scalar, States, Theta
+
+Stage = tuple[States, Controls]
+"""Everybody's states and controls of one stage. Costs are differentiated by these parts, not by the
+stage vector: every slice of that would become a padded sum."""
 
 
 class Linearisation(NamedTuple):
@@ -55,29 +59,29 @@ def _stage_cost(
     cost: CostFunction,
     i: int,
     t: Array,
-    w: Array,
-    at: Array,
+    now: Stage,
+    at: Stage,
     theta: Theta,
-    layout: Layout,
     convexity: Scalar | None,
 ) -> Scalar:
     """A cost whose second derivatives at `at` are `convexity` parts Gauss-Newton, rest exact."""
-    x, u = layout.split(w)
     if not isinstance(cost, Composite):
-        return jnp.asarray(cost(i, t, x, u, theta))
+        return jnp.asarray(cost(i, t, *now, theta))
 
-    def inner(v: Array) -> Array:
-        vx, vu = layout.split(v)
-        return jnp.asarray(cost.inner(i, t, vx, vu, theta))
+    def inner(stage: Stage) -> Array:
+        return jnp.asarray(cost.inner(i, t, *stage, theta))
 
-    return cost.outer(_partly_linear(inner, w, at, convexity), theta)
+    return cost.outer(_partly_linear(inner, now, at, convexity), theta)
 
 
-def _partly_linear(function, w: Array, at: Array, convexity: Scalar | None) -> Array:
+def _partly_linear(
+    function: Callable[[Any], Array], now: Any, at: Any, convexity: Scalar | None
+) -> Array:
     if convexity is None:
-        return function(w)
-    value, slope = jax.jvp(function, (at,), (w - at,))
-    return convexity * (value + slope) + (1.0 - convexity) * function(w)
+        return function(now)
+    away = jax.tree.map(jnp.subtract, now, at)
+    value, slope = jax.jvp(function, (at,), (away,))
+    return convexity * (value + slope) + (1.0 - convexity) * function(now)
 
 
 def _with_jacobian(function: Callable[[Array], Array], at: Array) -> tuple[Array, Array]:
@@ -85,10 +89,10 @@ def _with_jacobian(function: Callable[[Array], Array], at: Array) -> tuple[Array
     return jax.jacfwd(lambda v: (function(v),) * 2, has_aux=True)(at)
 
 
-def _rows(layout: Layout, these: Peers, t: Array, w: Array, theta: Theta) -> Array:
+def _rows(these: Peers, t: Array, stage: Stage, theta: Theta) -> Array:
     """A peer's own constraint rows."""
-    x, u = layout.split(w)
-    return jnp.concatenate([jnp.asarray(g(these.first, t, x, u, theta)) for g in these.constraints])
+    values = [jnp.asarray(g(these.first, t, *stage, theta)) for g in these.constraints]
+    return jnp.concatenate(values)
 
 
 def linearise(
@@ -114,15 +118,15 @@ def linearise(
 
     peers = [(these, stack(theta, these.members)) for these in peers_of(layout, theta)]
 
-    def lagrangian(these, t, w, at, own, scale, price):
+    def lagrangian(these, t, now, at, own, scale, price):
         """A peer's, without shared constraints."""
         total = jnp.zeros(())
         for cost in these.costs:
-            total += _stage_cost(cost, these.first, t, w, at, own, layout, convexity)
+            total += _stage_cost(cost, these.first, t, now, at, own, convexity)
         for cost in these.undiscounted_costs:
-            total += scale * _stage_cost(cost, these.first, t, w, at, own, layout, convexity)
+            total += scale * _stage_cost(cost, these.first, t, now, at, own, convexity)
         if these.constraints:
-            values = _partly_linear(lambda v: _rows(layout, these, t, v, own), w, at, convexity)
+            values = _partly_linear(lambda v: _rows(these, t, v, own), now, at, convexity)
             total -= jnp.sum(price * values)
         return total
 
@@ -132,24 +136,25 @@ def linearise(
         The Hessian is symmetric: its rows are its columns, each the change of the whole gradient in
         one of the player's own directions.
         """
-        directions = jnp.eye(w.size)[layout.owner == these.first]
+        directions, at = jnp.eye(w.size)[layout.owner == these.first], layout.split(w)
 
         def slope(v):
-            return jax.grad(lagrangian, argnums=2)(these, t, v, w, own, scale, price)
+            x, u = jax.grad(lagrangian, argnums=2)(these, t, v, at, own, scale, price)
+            return jnp.concatenate([*x, *u])
 
         if convexity is None:
-            gradient, rows = slope(w), jnp.full_like(directions, jnp.nan)
+            gradient, rows = slope(at), jnp.full_like(directions, jnp.nan)
         else:
             # The gradient comes along with its changes: derivatives are traced once, not twice.
-            gradient, rows = jax.vmap(lambda e: jax.jvp(slope, (w,), (e,)), out_axes=(None, 0))(
-                directions
-            )
+            gradient, rows = jax.vmap(
+                lambda e: jax.jvp(slope, (at,), (layout.split(e),)), out_axes=(None, 0)
+            )(directions)
         x, u = layout.split(gradient)
         return jnp.concatenate([x[these.first], u[these.first]]), returned(these, rows, back)
 
     def own_rows(these, t, w, own, back):
         """A peer's constraint rows (own,) and their Jacobian (own, w)."""
-        jacobian, values = _with_jacobian(lambda v: _rows(layout, these, t, v, own), w)
+        jacobian, values = _with_jacobian(lambda v: _rows(these, t, layout.split(v), own), w)
         return values, returned(these, jacobian, back)
 
     def returned(these, columns, back):
@@ -177,13 +182,13 @@ def linearise(
         numbers, values = [np.arange(0)], [jnp.zeros(0, w.dtype)]
         jacobians = [jnp.zeros((0, w.size), w.dtype)]
         for these, own in peers:
-            members = np.array(these.members)
-            begins = np.array([layout.state_slices[i].start for i in members])
+            numbered = np.array(these.members)
+            begins = np.array([layout.state_slices[i].start for i in numbered])
             price = row_share[these.rows, begins[:, None]] * mult[these.rows]
-            seen = w[None] if len(members) == 1 else w[these.view]
+            seen = w[None] if len(numbered) == 1 else w[these.view]
             back = jnp.asarray(these.back)
             slopes, curves = jax.vmap(partial(own_part, these, t))(
-                seen, own, scale[members], price, back
+                seen, own, scale[numbered], price, back
             )
             gradient += in_place(layout, these.members, slopes)
             hessian += in_place(layout, these.members, curves)

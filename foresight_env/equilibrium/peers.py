@@ -68,13 +68,13 @@ def _peers(layout: Layout, shapes: tuple[Any, ...]) -> tuple[Peers, ...]:
         for kind, parts in zip(
             _KINDS, (player.costs, player.undiscounted_costs, constraints), strict=True
         ):
-            for part in parts:
-                shared = _Part(kind, part, seen[kind, part])
-                seen[kind, part] += 1
-                owners.setdefault(shared, []).append(i)
+            for what in parts:
+                part = _Part(kind, what, seen[kind, what])
+                seen[kind, what] += 1
+                owners.setdefault(part, []).append(i)
                 if kind == "constraint":
-                    rows[shared, i] = range(place, place + part.size)
-                    place += part.size
+                    rows[part, i] = range(place, place + part.what.size)
+                    place += part.what.size
     together: dict[range, list[_Part]] = {}
     for part, players in owners.items():
 

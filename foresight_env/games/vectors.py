@@ -9,6 +9,7 @@ from __future__ import annotations
 import functools
 import operator
 
+import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from foresight_env.games.types import AnyArray
@@ -16,7 +17,8 @@ from foresight_env.games.types import AnyArray
 
 def dot(a: Float[AnyArray, "*b k"], b: Float[AnyArray, "*b k"]) -> Float[Array, "*b"]:
     """Sum of products along the last axis, which is short."""
-    return functools.reduce(operator.add, (a[..., k] * b[..., k] for k in range(a.shape[-1])))
+    terms = (jnp.asarray(a[..., k] * b[..., k]) for k in range(a.shape[-1]))
+    return functools.reduce(operator.add, terms)
 
 
 def squared_length(vector: Float[AnyArray, "*b k"]) -> Float[Array, "*b"]:
