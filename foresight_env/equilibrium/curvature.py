@@ -14,7 +14,13 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from foresight_env.equilibrium.layout import Layout
-from foresight_env.equilibrium.peers import apart, block_diagonal, moving_alike, spread
+from foresight_env.equilibrium.peers import (
+    apart,
+    block_diagonal,
+    inputs_of,
+    moving_alike,
+    spread,
+)
 from foresight_env.equilibrium.small_matrices import matrix_product
 from foresight_env.games.types import Scalar
 
@@ -38,8 +44,7 @@ def dynamics_hessian(
     game = layout.game
     stages = jnp.arange(1, game.horizon + 1)
     runs = moving_alike(game)
-    blocks: list[Array] = []
-    """Of every run, (T, G, k, k)."""
+    blocks: list[Array] = []  # (T, G, k, k) of every run
     for members in runs:
         dynamics = game.players[members.start].dynamics
         size = dynamics.state_size
@@ -47,8 +52,7 @@ def dynamics_hessian(
         def lagrangian(v, costate, t, dynamics=dynamics, size=size):
             return jnp.dot(costate, dynamics(t, v[:size], v[size:]))
 
-        states = apart(previous, layout.state_slices, members)
-        own = jnp.concatenate([states, apart(u, layout.control_slices, members)], axis=2)
+        own = inputs_of(layout, previous, u, members)
         if dynamics.linear:
             blocks.append(jnp.zeros((*own.shape, own.shape[-1]), u.dtype))
             continue

@@ -19,15 +19,16 @@ from foresight_env.equilibrium.layout import Layout
 from foresight_env.equilibrium.pairs import split
 from foresight_env.equilibrium.peers import (
     Peers,
-    apart,
     block_diagonal,
     in_place,
+    inputs_of,
     moving_alike,
     peers_of,
     spread,
     stack,
 )
 from foresight_env.games.costs import Composite
+from foresight_env.games.dynamics import Dynamics
 from foresight_env.games.types import Controls, CostFunction, Scalar, States, Theta
 
 Stage = tuple[States, Controls]
@@ -93,6 +94,25 @@ def _rows(these: Peers, t: Array, stage: Stage, theta: Theta) -> Array:
     """A peer's own constraint rows."""
     values = [jnp.asarray(g(these.first, t, *stage, theta)) for g in these.constraints]
     return jnp.concatenate(values)
+
+
+def _moves(layout: Layout, t: Array, x: Array, u: Array) -> tuple[Array, Array, Array]:
+    """`A` (n, n) and `B` (n, m) of one stage, and the states (n,) that it leads to."""
+    a, b, nexts = [], [], []
+    for members in moving_alike(layout.game):
+        dynamics = layout.game.players[members.start].dynamics
+        size = dynamics.state_size
+
+        def move(v: Array, dynamics: Dynamics = dynamics, size: int = size) -> Array:
+            return dynamics(t, v[:size], v[size:])
+
+        jacobian, following = jax.vmap(partial(_with_jacobian, move))(
+            inputs_of(layout, x, u, members)
+        )
+        a.append(spread(jacobian[..., :size]))
+        b.append(spread(jacobian[..., size:]))
+        nexts.append(following.ravel())
+    return block_diagonal(a), block_diagonal(b), jnp.concatenate(nexts)
 
 
 def linearise(
@@ -209,34 +229,8 @@ def linearise(
         value, jacobian = jnp.concatenate(values), jnp.concatenate(jacobians)
         if (order != np.arange(order.size)).any():
             value, jacobian = value[order], jacobian[order]
-        a_blocks, b_blocks, nexts = [], [], []
-        for members in moving_alike(game):
-            dynamics = game.players[members.start].dynamics
-            size = dynamics.state_size
-
-            def move(v, f=dynamics, size=size):
-                return f(t, v[:size], v[size:])
-
-            now = jnp.concatenate(
-                [
-                    apart(xp, layout.state_slices, members),
-                    apart(w[layout.n :], layout.control_slices, members),
-                ],
-                axis=1,
-            )
-            both, following = jax.vmap(partial(_with_jacobian, move))(now)
-            a_blocks.append(spread(both[..., :size]))
-            b_blocks.append(spread(both[..., size:]))
-            nexts.append(following.ravel())
-        return (
-            gradient,
-            hessian,
-            block_diagonal(a_blocks),
-            block_diagonal(b_blocks),
-            jnp.concatenate(nexts) - w[: layout.n],
-            value,
-            jacobian,
-        )
+        a, b, following = _moves(layout, t, xp, w[layout.n :])
+        return gradient, hessian, a, b, following - w[: layout.n], value, jacobian
 
     gradient, hessian, a, b, defect, values, jacobian = jax.vmap(stage)(
         stages, w, previous, undiscounted, mult.row, share

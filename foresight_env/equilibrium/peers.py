@@ -178,6 +178,14 @@ def apart(
     return part.reshape(*part.shape[:-1], len(members), -1)
 
 
+def inputs_of(
+    layout: Layout, x: Float[Array, "*T n"], u: Float[Array, "*T m"], members: range
+) -> Float[Array, "*T G k"]:
+    """What the members' dynamics are given: each one's state, then its control."""
+    states, controls = layout.state_slices, layout.control_slices
+    return jnp.concatenate([apart(x, states, members), apart(u, controls, members)], axis=-1)
+
+
 def in_place(
     layout: Layout, members: range, own: Float[Array, "G k *rest"]
 ) -> Float[Array, "w *rest"]:

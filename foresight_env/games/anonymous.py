@@ -1,15 +1,27 @@
 """Costs and constraints that know players by their role, not by their number.
 
-Players that are alike are evaluated side by side, as one of them (`equilibrium.peers`): a game of
-four equal cars then has the operations of one car. That changes nothing where a cost asks only what
-the player itself and the others, in their order, do.
+Those of players that are alike are evaluated side by side, as one of them (`equilibrium.peers`):
+what four equal cars pay then takes the operations of one car. That changes nothing where a cost
+asks only what the player itself and the others, in their order, do.
 """
 
 from __future__ import annotations
 
 
 class Anonymous:
-    """Base of costs and constraints that treat all players alike; the default is not to."""
+    """Base of costs and constraints that treat all players alike; the default is not to.
+
+    It is a promise about the class that names this base. A class derived from that one which
+    computes something else, and neither names this base nor overrides `tells_apart`, is taken to
+    tell players apart.
+    """
+
+    def __init_subclass__(cls, **arguments: object) -> None:
+        super().__init_subclass__(**arguments)
+        own = vars(cls)
+        computes = "__call__" in own or "inner" in own or "outer" in own
+        if computes and Anonymous not in cls.__bases__ and "tells_apart" not in own:
+            cls.tells_apart = _always  # type: ignore[method-assign]
 
     def tells_apart(self, i: int, j: int) -> bool:
         """Whether it is another function for player i than for player j.
@@ -17,6 +29,11 @@ class Anonymous:
         Both see themselves and, in their order, everybody else.
         """
         return False
+
+
+def _always(self: Anonymous, i: int, j: int) -> bool:
+    """Whoever they are."""
+    return True
 
 
 def tells_apart(part: object, i: int, j: int) -> bool:

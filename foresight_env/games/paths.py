@@ -58,7 +58,7 @@ def _points_near(path: Float[Array, "M 4"], place: Float[Array, "2"]) -> Float[A
 def _expansion(
     path: Float[Array, "window 4"], place: Float[Array, "2"]
 ) -> tuple[Scalar, Float[Array, "2"], Float[Array, "3"]]:
-    """The averaged offset with its gradient and second derivatives (xx, xy, yy).
+    """The averaged offset (m) with its gradient and second derivatives (xx, xy, yy; 1/m).
 
     With weights `n_k` of the points, `l_k` the gradients of their logarithms less the mean of
     these, and offsets `f_k` less their mean F,

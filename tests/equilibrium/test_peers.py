@@ -231,3 +231,39 @@ def test_strangers_are_told_apart():
     assert not tells_apart(near, 0, 1)
     assert tells_apart(near, 1, 2)
     assert not tells_apart(Effort(), 0, 5)
+
+
+def test_promises_are_not_inherited_by_other_functions():
+    @dataclass(frozen=True)
+    class LastOneCares(Goal):
+        def __call__(self, i, t, x, u, theta):
+            return i * Goal.__call__(self, i, t, x, u, theta)
+
+    @dataclass(frozen=True)
+    class Renamed(Goal):
+        pass
+
+    @dataclass(frozen=True)
+    class Promised(LastOneCares):
+        def tells_apart(self, i, j):
+            return False
+
+    assert tells_apart(LastOneCares(), 0, 1)
+    assert not tells_apart(Renamed(), 0, 1)
+    assert not tells_apart(Promised(), 0, 1)
+
+
+def test_a_cost_that_is_there_twice_counts_twice():
+    game, theta = crossing(3, "soft")
+
+    def paying(*costs):
+        players = tuple(replace(player, costs=costs) for player in game.players)
+        layout = layout_of(replace(game, players=players))
+        point, parameters = at_random(game, theta)
+        exact = jnp.asarray(0.0)
+        return evaluate(layout, pairs_of(layout), point, parameters, exact, 1e-3).lin
+
+    with jax.enable_x64(True):
+        twice, double = paying(Goal(1.0), Goal(1.0)), paying(Goal(2.0))
+    np.testing.assert_allclose(twice.gradient, double.gradient, atol=1e-12)
+    np.testing.assert_allclose(twice.hessian, double.hessian, atol=1e-12)
