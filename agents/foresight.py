@@ -20,7 +20,7 @@ from agents.planning import Plan, plan_equilibrium
 from agents.policy import Decision
 from agents.predict_then_plan import PlanMemory, constant_velocity
 from foresight_env.envs.scene import Scene
-from foresight_env.inverse import Free, OnlineEstimator, OnlineState, Prior
+from foresight_env.inverse import Estimate, Free, OnlineEstimator, OnlineState, Prior
 
 AHEAD_PART = 0.6
 """Of the planning horizon, how much the estimated game looks ahead."""
@@ -148,23 +148,23 @@ class Foresight:
         gammas = {
             j: (float(found.gamma[j]), float(spread[j])) for j in range(scene.players) if j != ego
         }
-        ahead = [
-            np.concatenate([u[state.stage :], np.zeros((scene.game.horizon, u.shape[1]))])
-            for u in found.solution.controls
-        ]
-        controls = [u[: scene.game.horizon] for u in ahead]
+        # Where the last plan leads, the estimate's own future leads as well (to one equilibrium in
+        # 98 of 100 decisions at crossings and left turns), so it is for the first plan alone.
+        future = [] if memory.plan is not None else [_future(scene, state, found)]
         decision, plan = plan_equilibrium(
-            scene,
-            ego,
-            present,
-            found.theta,
-            found.gamma,
-            memory.plan,
-            gammas,
-            [controls, None],
+            scene, ego, present, found.theta, found.gamma, memory.plan, gammas, [*future, None]
         )
         early = memory.early._replace(perception=perception.acted(decision.action))
         return replace(decision, stale=memory.stale), memory._replace(plan=plan, early=early)
+
+
+def _future(scene: Scene, state: OnlineState, found: Estimate) -> list[Float[np.ndarray, "T _"]]:
+    """Everybody's controls from now on in the estimated game, nobody acting after its end."""
+    horizon = scene.game.horizon
+    return [
+        np.concatenate([u[state.stage :], np.zeros((horizon, u.shape[1]))])[:horizon]
+        for u in found.solution.controls
+    ]
 
 
 def farsighted() -> Foresight:
