@@ -56,7 +56,7 @@ format: $(INSTALLED) ## Format the code and sort its imports
 bench: $(INSTALLED) ## Measure speed and accuracy
 	$(BIN)/python -m benchmarks $(ARGS)
 
-paper: $(INSTALLED) ## The paper's studies at full size, and a report (about an hour on two cores)
+paper: $(INSTALLED) ## The paper's studies at full size, and a report (under an hour on two cores)
 	$(BIN)/foresight evaluate crosswalk --levels 50 --sequences 50 --episodes 100 --grid 181 --out $(PAPER)/crosswalk
 	$(BIN)/foresight evaluate intersection $(if $(DATA),--data $(DATA) $(WINDOW)) --levels 11 --sequences 5 --out $(PAPER)/intersection$(if $(DATA),_recorded)
 	$(BIN)/foresight evaluate driving --episodes 50 --out $(PAPER)/driving
