@@ -12,6 +12,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from evaluation.benchmark_results import CLOSED, OPEN, Line, Metric, Part, Value
+from evaluation.digits import significant
 from evaluation.naming import label_of
 from foresight_env import __version__
 from foresight_env.files import write_atomically
@@ -25,7 +26,7 @@ def number(value: float, unit: str) -> str:
     if np.isnan(value):
         return "-"
     if unit == "ms":
-        return f"{value:.0f}" if value >= 10.0 else f"{value:.2g}"
+        return significant(value, 2)
     if unit == "%" or float(value).is_integer():
         return f"{value:.0f}"
     return f"{value:.2f}"

@@ -68,7 +68,7 @@ def run_one(ego: str, seed: int, setting: RunSetting, human: bool, out: Path) ->
         from evaluation.episode_pictures import overlay_of
 
         for step in episode(env, ego, seed, setting.gammas):
-            env.set_overlay(overlay_of(step, ego))
+            env.set_overlay(overlay_of(step, ego, setting))
         env.close()
     _draw(console, ego, seed, setting, out)
 
@@ -84,7 +84,8 @@ def _draw(console: Console, ego: str, seed: int, setting: RunSetting, out: Path)
     table.add_row("end", f"{ending(last.info)} after {last.info['time']:.1f} s")
     table.add_row("smallest gap to somebody", f"{last.info['min_distance']:.2f} m")
     for j, (mean, deviation) in last.decision.gammas.items():
-        true = f"{last.info['gamma'][j]:.2f}"
+        gamma = setting.true_gammas(last.info)[j]
+        true = "none (plays no game)" if np.isnan(gamma) else f"{gamma:.2f}"
         if inferred(ego, last.decision):
             told = f"{told_gamma(mean, deviation)}, {true}"
             table.add_row(f"gamma of agent {j}: inferred (±90 %), true", told)

@@ -19,7 +19,7 @@ from evaluation.closed_loop import WARM_UP_STEPS, episode
 from evaluation.endings import COLLISION, OFF_ROAD, REACHED, TIME_OUT, ending
 from evaluation.metrics import at_fault, comfort
 from evaluation.provenance import fingerprint
-from evaluation.run_setting import RunSetting
+from evaluation.run_setting import EGO_CAR, RunSetting
 from evaluation.statistics import Interval, mean_interval
 from evaluation.store import Row, Store
 from evaluation.trials import run_trials
@@ -28,8 +28,6 @@ from evaluation.workers import Workers
 KEY = ("scene", "others", "ego", "settings", "seed")
 SCHEMA = 2
 """Counted up when rows get other columns or mean something else: older folders are refused."""
-EGO = 0
-"""The ego's car."""
 
 
 @dataclass(frozen=True)
@@ -64,13 +62,13 @@ def run_episode(
     steps = list(episode(env, ego, seed, chosen.gammas))
     last = steps[-1].info
     states = np.stack([*(s.state for s in steps), last["state"]])
-    own, goal = states[:, EGO], last["theta"]["goal"][EGO]
-    nearest = np.linalg.norm(np.delete(states, EGO, 1)[..., :2] - own[:, None, :2], axis=2)
+    own, goal = states[:, EGO_CAR], last["theta"]["goal"][EGO_CAR]
+    nearest = np.linalg.norm(np.delete(states, EGO_CAR, 1)[..., :2] - own[:, None, :2], axis=2)
     ended = ending(last)
     ride = comfort(own, env.scene.dt)
     return {
         "ended": ended,
-        "at_fault": ended == COLLISION and at_fault(states[-1], EGO),
+        "at_fault": ended == COLLISION and at_fault(states[-1], EGO_CAR),
         "time": float(last["time"]),
         "time_limit": env.scene.max_steps * env.scene.dt,
         "min_gap": float(last["min_distance"]),

@@ -26,14 +26,14 @@ class EpisodePictures(NamedTuple):
     """Inferred discount factors over time; None for egos that infer none."""
 
 
-def overlay_of(step: Step, ego: str) -> Overlay:
+def overlay_of(step: Step, ego: str, setting: RunSetting) -> Overlay:
     """What the registered ego thought at this step, for the scene."""
-    decision, truth = step.decision, step.info["gamma"]
+    decision, truth = step.decision, setting.true_gammas(step.info)
     return Overlay(
         predicted=dict(decision.predicted),
         planned=decision.planned,
         gammas=inferred(ego, decision),
-        truth_gammas={j: float(truth[j]) for j in decision.gammas},
+        truth_gammas={j: float(truth[j]) for j in decision.gammas if not np.isnan(truth[j])},
     )
 
 
@@ -44,7 +44,7 @@ def draw_episode(ego: str, seed: int, setting: RunSetting, folder: Path) -> Epis
     frames, steps = [], []
     try:
         for step in episode(env, ego, seed, setting.gammas):
-            env.set_overlay(overlay_of(step, ego))
+            env.set_overlay(overlay_of(step, ego, setting))
             frames.append(Image.fromarray(env.render()))
             steps.append(step)
     finally:
@@ -65,5 +65,6 @@ def draw_episode(ego: str, seed: int, setting: RunSetting, folder: Path) -> Epis
     gammas = [inferred(ego, s.decision) for s in steps]
     if any(gammas):
         times = dt * np.arange(len(steps))
-        curve = gamma_over_time(times, gammas, steps[0].info["gamma"], folder / "gammas.png")
+        true = setting.true_gammas(steps[0].info)
+        curve = gamma_over_time(times, gammas, true, folder / "gammas.png")
     return EpisodePictures(steps, paths[0], paths[1], curve)

@@ -236,7 +236,10 @@ def gamma_over_time(
     true: Float[np.ndarray, "N"],
     path: Path,
 ) -> Path:
-    """Inferred discount factors of one episode with 90 % intervals."""
+    """Inferred discount factors of one episode with 90 % intervals.
+
+    `true` is NaN where there is none.
+    """
     figure = Figure(figsize=(8.0, 3.2), layout="constrained")
     axes = figure.subplots()
     for j in sorted({j for g in gammas for j in g}):
@@ -248,7 +251,8 @@ def gamma_over_time(
             t, mean - half, mean + half, color=AGENTS[j], alpha=0.2, lw=0,
             label=f"agent {j}, 90 % interval",
         )  # fmt: skip
-        axes.axhline(true[j], color=AGENTS[j], ls="--", label=f"agent {j}, true")
+        if not np.isnan(true[j]):
+            axes.axhline(true[j], color=AGENTS[j], ls="--", label=f"agent {j}, true")
     axes.set_ylim(0.0, 1.05)
     axes.set_xlabel("time [s]")
     axes.set_ylabel("discount factor gamma")

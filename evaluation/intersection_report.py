@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from evaluation.digits import significant
 from evaluation.figures import AGENTS, save
 from evaluation.intersection_study import METHODS, Prediction
 from evaluation.intersection_window import Case
@@ -63,7 +64,7 @@ def print_errors(console: Console, rows: Sequence[Row]) -> None:
                 f"{std:.3f}",
                 label_of(method),
                 str(errors.size),
-                f"{mean:.3g}" + (f" ±{spread:.2g}" if spread > 0.0 else ""),
+                significant(mean, 3) + (f" ±{significant(spread, 2)}" if spread > 0.0 else ""),
                 ratio,
                 f"{distance:.2f}",
                 end_section=method == METHODS[-1],

@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from evaluation.digits import significant
 from evaluation.figures import save
 from evaluation.naming import colour_of, label_of
 from evaluation.prediction import SECONDS
@@ -59,11 +60,6 @@ def _column(rows: Sequence[Row], name: str) -> Float[np.ndarray, "n"]:
     return np.array([r[name] for r in rows], dtype=float)
 
 
-def _digits(value: float) -> str:
-    """Two significant digits, without exponents."""
-    return f"{value:.0f}" if value >= 10.0 else f"{value:.2g}"
-
-
 def _number(value: float) -> str:
     return "-" if np.isnan(value) else f"{value:.2f}"
 
@@ -94,7 +90,9 @@ def summary(rows: Sequence[Row]) -> list[Line]:
                         f"({_column(mine, 'overlaps_recorded').sum():.0f})"
                     ),
                     "fell back": int(_column(mine, "fallback").sum()),
-                    "ms, p50 / p99": " / ".join(_digits(q) for q in np.percentile(times, [50, 99])),
+                    "ms, p50 / p99": " / ".join(
+                        significant(q, 2) for q in np.percentile(times, [50, 99])
+                    ),
                 }
             )
     return lines

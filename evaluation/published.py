@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from evaluation.digits import significant
 from evaluation.endings import COLLISION, REACHED
 from evaluation.estimation import LEAST_STD, bound
 from evaluation.naming import label_of
@@ -46,8 +47,7 @@ def _error(select: Select, rows: Sequence[Row]) -> str:
     errors = [r["error_squared"] for r in _chosen(rows, select)]
     if not errors:
         return ""
-    mean = float(np.mean(errors))
-    return f"{mean:.3g}" if mean < 1000.0 else f"{mean:.0f}"
+    return significant(float(np.mean(errors)), 3)
 
 
 def _error_without_noise(select: Select, rows: Sequence[Row]) -> str:

@@ -51,7 +51,7 @@ def replay(ego: str, seed: int, setting: RunSetting, title: str) -> Replay:
         "footprints": [[f.length, f.width, f.radius] for f in env.world.footprints],
         "scenery": _scenery(env.world.scenery),
         "goals": [_short(theta) for theta in last["theta"]["goal"]],
-        "gamma": _short(last["gamma"]),
+        "gamma": _short(setting.true_gammas(last)),
         "steps": [_step(s, ego, order, width, turning) for s in steps],
         "final": _places(last["state"], turning),
     }

@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
+
+import numpy as np
+from jaxtyping import Float
 
 from evaluation.closed_loop import MAX_STEPS, OTHERS_GAMMA
 from foresight_env.envs import crosswalk_v0, driving_v0, intersection_v0
 from foresight_env.highway.ranges import DrivingRanges
+
+EGO_CAR = 0
+"""In driving; the scene is named after its manoeuvre."""
 
 
 @dataclass(frozen=True)
@@ -34,6 +41,13 @@ class RunSetting:
     def gammas(self) -> tuple[float, float]:
         """Between which the others' discount factors lie."""
         return DrivingRanges().gamma if self.scenario == "driving" else OTHERS_GAMMA
+
+    def true_gammas(self, info: Mapping[str, Any]) -> Float[np.ndarray, "N"]:
+        """Everybody's discount factor; NaN of those who have none, as they play no game."""
+        found = np.array(info["gamma"], dtype=float)
+        if self.behaviour == "idm":
+            found[EGO_CAR + 1 :] = np.nan
+        return found
 
     @property
     def middle(self) -> float:

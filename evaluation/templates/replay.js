@@ -82,13 +82,18 @@ function drawScene(data, k, group, half) {
   state.forEach((place, i) => body(data, i, place, group, half));
 }
 
+function gammaOf(value) {
+  // Who plays no game has none.
+  return value === null ? "none" : value.toFixed(2);
+}
+
 function curves(data, holder) {
   // Discount factors over time: estimate (line), 90 % interval (band), truth (dashes).
   if (!data.infers) {
     const told = document.createElement("p");
     told.className = "dim";
     told.textContent = "This ego infers no discount factors. True ones: " +
-      data.gamma.map((g, i) => `${data.names[i]} ${g.toFixed(2)}`).join(", ") + ".";
+      data.gamma.map((g, i) => `${data.names[i]} ${gammaOf(g)}`).join(", ") + ".";
     holder.append(told);
     return () => {};
   }
@@ -110,8 +115,10 @@ function curves(data, holder) {
   }
   data.names.forEach((_, j) => {
     if (j === data.ego) return;
-    element("line", { x1: left, x2: w - 10, y1: y(data.gamma[j]), y2: y(data.gamma[j]),
-                      stroke: data.colours[j], "stroke-dasharray": "6 4", "stroke-width": 1.5 }, svg);
+    if (data.gamma[j] !== null) {
+      element("line", { x1: left, x2: w - 10, y1: y(data.gamma[j]), y2: y(data.gamma[j]),
+                        stroke: data.colours[j], "stroke-dasharray": "6 4", "stroke-width": 1.5 }, svg);
+    }
     const known = data.steps.map((s, k) => [k, s.gammas[j]]).filter(([, g]) => g);
     if (!known.length) return;
     const upper = known.map(([k, [m, d]]) => `${x(k)},${y(m + d)}`);
@@ -133,7 +140,7 @@ function legend(data, holder) {
     const entry = document.createElement("span");
     const dot = document.createElement("i");
     dot.style.background = data.colours[i];
-    entry.append(dot, `${name}${i === data.ego ? " (ego)" : ""}, gamma ${data.gamma[i].toFixed(2)}`);
+    entry.append(dot, `${name}${i === data.ego ? " (ego)" : ""}, gamma ${gammaOf(data.gamma[i])}`);
     holder.append(entry);
   });
   const told = document.createElement("span");

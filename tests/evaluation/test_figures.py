@@ -53,6 +53,10 @@ def test_gamma_over_time(tmp_path):
     path = tmp_path / "new" / "gammas.png"
     drawn = figures.gamma_over_time([0.0, 0.1, 0.2], known, np.array([0.9, 0.7]), path)
     check(drawn, 8.0, 3.2)
+    with_truth = drawn.read_bytes()
+    drawn = figures.gamma_over_time([0.0, 0.1, 0.2], known, np.array([0.9, np.nan]), path)
+    check(drawn, 8.0, 3.2)
+    assert drawn.read_bytes() != with_truth  # no line of a truth that there is not
 
 
 def test_a_small_heatmap(tmp_path):

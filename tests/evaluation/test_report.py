@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from rich.table import Table
 
 from agents import make_ego
 from evaluation import closed_loop, estimation, prediction
-from evaluation.closed_loop import ClosedLoop
+from evaluation.closed_loop import EGO_GAMMA, ClosedLoop
 from evaluation.comparison_page import write_comparison
 from evaluation.endings import COLLISION, REACHED
 from evaluation.notes import Notes
@@ -180,6 +181,16 @@ def test_what_is_hidden_is_null():
     first = found.data["steps"][0]
     assert first["gammas"] == {}
     assert [place[:2] for place in first["state"]] == first["seen"]  # noise-free
+
+
+def test_who_plays_no_game_has_no_discount_factor():
+    setting = RunSetting("driving", "lane_change", 2, behaviour="idm")
+    found = replay("idm", 0, setting, "Lane change")
+    assert found.data["gamma"] == [EGO_GAMMA, None]
+    info = {"gamma": [0.9, 0.5]}
+    np.testing.assert_array_equal(setting.true_gammas(info), [0.9, np.nan])
+    game = replace(setting, behaviour="receding")
+    np.testing.assert_array_equal(game.true_gammas(info), [0.9, 0.5])
 
 
 def test_predictions_are_told_without_the_recordings(tmp_path):
