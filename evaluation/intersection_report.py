@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
+from matplotlib.ticker import LogFormatter
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
@@ -21,8 +22,8 @@ from evaluation.statistics import mean_and_error
 from evaluation.store import Row
 from foresight_env.scenarios.junction import JUNCTION_REGION
 
-PLAIN = "{x:g}"
-"""Of errors along a logarithmic axis."""
+LABELLED = (4.0, 0.5)
+"""Decades of an axis up to which some, and all, ticks between powers of ten have a number."""
 SNAPSHOT = "snapshot"
 """Name of the picture of a prediction, beside the study's folder."""
 VIEW_MARGIN = 4.0
@@ -133,8 +134,8 @@ def error_over_noise(rows: Sequence[Row], path: Path) -> Path:
                 color=colour_of(method), label=label_of(method),
             )  # fmt: skip
         axes.set_yscale("log")
-        axes.yaxis.set_major_formatter(PLAIN)
-        axes.yaxis.set_minor_formatter(PLAIN)
+        axes.yaxis.set_major_formatter(LogFormatter(minor_thresholds=LABELLED))
+        axes.yaxis.set_minor_formatter(LogFormatter(minor_thresholds=LABELLED))
         axes.set_xlabel("noise standard deviation [m, m/s, rad]")
         axes.set_title("full state" if observation == "full" else "positions only")
     panels[0].set_ylabel("trajectory error ||X - X_recorded||^2")

@@ -66,7 +66,7 @@ def _saved(rows: Sequence[Row]) -> str:
         )
         if inferred and farsighted:
             saved.append(1.0 - np.mean(inferred) / np.mean(farsighted))
-    return f"{np.mean(saved):.0%}" if saved else ""
+    return f"{100.0 * np.mean(saved):.0f} %" if saved else ""
 
 
 def _above_bound(observation: str, rows: Sequence[Row]) -> str:

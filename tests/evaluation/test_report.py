@@ -143,7 +143,7 @@ def driving_rows():
 @pytest.mark.parametrize(
     ("study", "rows", "expected"),
     [
-        ("intersection", intersection_rows(), {"error saved by inferring gamma": "38%"}),
+        ("intersection", intersection_rows(), {"error saved by inferring gamma": "38 %"}),
         (
             "driving",
             driving_rows(),
