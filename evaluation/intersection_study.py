@@ -203,8 +203,11 @@ def study(
     Noise-free sequences are all the same: there is one. Trials that the folder has already are not
     run again.
     """
-    told = {name: str(getattr(choice, name)) for name in choice.__dataclass_fields__}
-    store = Store(folder, "intersection", {**told, "parameters": parameters, "schema": SCHEMA}, KEY)
+    told: dict[str, Any] = {
+        name: str(getattr(choice, name)) for name in choice.__dataclass_fields__
+    }
+    told |= {"parameters": parameters, "starts": STARTS, "schema": SCHEMA}
+    store = Store(folder, "intersection", told, KEY)
     trials: list[dict[str, Any]] = [
         {
             "observation": o,
