@@ -159,7 +159,10 @@ class Foresight:
 
 
 def _future(scene: Scene, state: OnlineState, found: Estimate) -> list[Float[np.ndarray, "T _"]]:
-    """Everybody's controls from now on in the estimated game, nobody acting after its end."""
+    """Everybody's controls from now on in the estimated game, (horizon, m_i) each.
+
+    Nobody acts after its end.
+    """
     horizon = scene.game.horizon
     return [
         np.concatenate([u[state.stage :], np.zeros((horizon, u.shape[1]))])[:horizon]

@@ -22,7 +22,7 @@ from evaluation.store import Row, Store, Trial
 from evaluation.trials import run_trials
 from evaluation.workers import Workers
 
-SCHEMA = 1
+SCHEMA = 2
 """Counted up when rows get other columns or mean something else: older folders are refused."""
 OPEN_KEY = ("place", "seed", "predictor", "settings")
 CLOSED_KEY = ("place", "others", "ego", "settings", "seed")

@@ -26,7 +26,7 @@ from evaluation.trials import run_trials
 from evaluation.workers import Workers
 
 KEY = ("scene", "others", "ego", "settings", "seed")
-SCHEMA = 2
+SCHEMA = 3
 """Counted up when rows get other columns or mean something else: older folders are refused."""
 
 

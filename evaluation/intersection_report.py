@@ -22,8 +22,8 @@ from evaluation.statistics import mean_and_error
 from evaluation.store import Row
 from foresight_env.scenarios.junction import JUNCTION_REGION
 
-LABELLED = (4.0, 0.5)
-"""Decades of an axis up to which some, and all, ticks between powers of ten have a number."""
+LABELLED_DECADES = (4.0, 0.5)
+"""Length of an axis up to which some, and all, ticks between powers of ten have a number."""
 SNAPSHOT = "snapshot"
 """Name of the picture of a prediction, beside the study's folder."""
 VIEW_MARGIN = 4.0
@@ -134,8 +134,8 @@ def error_over_noise(rows: Sequence[Row], path: Path) -> Path:
                 color=colour_of(method), label=label_of(method),
             )  # fmt: skip
         axes.set_yscale("log")
-        axes.yaxis.set_major_formatter(LogFormatter(minor_thresholds=LABELLED))
-        axes.yaxis.set_minor_formatter(LogFormatter(minor_thresholds=LABELLED))
+        axes.yaxis.set_major_formatter(LogFormatter(minor_thresholds=LABELLED_DECADES))
+        axes.yaxis.set_minor_formatter(LogFormatter(minor_thresholds=LABELLED_DECADES))
         axes.set_xlabel("noise standard deviation [m, m/s, rad]")
         axes.set_title("full state" if observation == "full" else "positions only")
     panels[0].set_ylabel("trajectory error ||X - X_recorded||^2")

@@ -14,7 +14,7 @@ from foresight_env.envs import crosswalk_v0, driving_v0, intersection_v0
 from foresight_env.highway.ranges import DrivingRanges
 
 EGO_CAR = 0
-"""In driving; the scene is named after its manoeuvre."""
+"""The ego's in driving, whose manoeuvre the scene is named after."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,10 @@ class RunSetting:
         return DrivingRanges().gamma if self.scenario == "driving" else OTHERS_GAMMA
 
     def true_gammas(self, info: Mapping[str, Any]) -> Float[np.ndarray, "N"]:
-        """Everybody's discount factor; NaN of those who have none, as they play no game."""
+        """Everybody's discount factor by an environment's `info`.
+
+        NaN of those who have none: highway-env's vehicles play no game.
+        """
         found = np.array(info["gamma"], dtype=float)
         if self.behaviour == "idm":
             found[EGO_CAR + 1 :] = np.nan
