@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import importlib
-import sys
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
 from benchmarks.document import DOCUMENT, circumstances, record
 from benchmarks.report import Setting
 from benchmarks.timing import ROOT
+from evaluation.terminal import terminal
 
 
 class Study(StrEnum):
@@ -39,6 +38,7 @@ class Study(StrEnum):
     DRIVING = "driving"
     PREDICTION = "prediction"
     WINDOWS = "windows"
+    RECORDINGS = "recordings"
     ROBUSTNESS = "robustness"
 
 
@@ -59,8 +59,7 @@ def main(
     ] = None,
 ) -> None:
     """Measure speed and accuracy; full studies are written to docs/benchmarks.md."""
-    # Written to a file, tables of a dozen columns would be cut to the width of no terminal.
-    console = Console() if sys.stdout.isatty() else Console(width=200)
+    console = terminal()
     setting = Setting(console, quick, data, reference)
     for study in Study if only is None else (only,):
         measured = circumstances()

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Hashable, Sequence
 from pathlib import Path
 
-from rich.console import Console
-
 from evaluation import prediction
 from evaluation.benchmark_page import print_parts, write_page
 from evaluation.benchmark_results import Part, closed_part, common, open_part, write_csv
@@ -15,6 +13,7 @@ from evaluation.naming import OTHERS
 from evaluation.places import is_driving
 from evaluation.recorded_windows import WINDOW
 from evaluation.store import Row
+from evaluation.terminal import terminal
 from evaluation.workers import Workers
 
 
@@ -25,7 +24,7 @@ def benchmark(
 
     `data`: recordings for the open loop; None leaves them out. `split`: see `prediction.study`.
     """
-    console = Console()
+    console = terminal()
     recorded: list[Row] = []
     if data is not None and plan.predictors:
         recorded = prediction.study(

@@ -53,6 +53,7 @@ from evaluation.tables import (
     print_estimation,
     told_gamma,
 )
+from evaluation.terminal import terminal
 from evaluation.workers import Workers
 from foresight_env.inverse import Profile
 
@@ -62,7 +63,7 @@ TRIAL_STD = 0.05
 
 def run_one(ego: str, seed: int, setting: RunSetting, human: bool, out: Path) -> None:
     """`foresight run`."""
-    console = Console()
+    console = terminal()
     if human:
         env = setting.make("human")
         from evaluation.episode_pictures import overlay_of
@@ -124,7 +125,7 @@ def evaluate_crosswalk(
     """`foresight evaluate crosswalk`."""
     if not (episodes or levels or grid):
         raise ValueError("--episodes, --levels, --grid: are all 0; there is nothing to evaluate")
-    console = Console()
+    console = terminal()
     pictures: list[Path] = []
     if episodes:
         setting = ClosedLoop(players, observation, noise_std)
@@ -159,7 +160,7 @@ def evaluate_driving(
     out: Path,
 ) -> None:
     """`foresight evaluate driving`."""
-    console = Console()
+    console = terminal()
     rows = driving_study.study(
         out / "episodes", scenes, others, egos, range(episodes), setting, workers=workers
     )
@@ -191,7 +192,7 @@ def evaluate_intersection(
     out: Path,
 ) -> None:
     """`foresight evaluate intersection`; without a choice, on a recording of the project's own."""
-    console = Console()
+    console = terminal()
     if choice is None:
         first, last = junction_sample.FRAMES
         check_moment(at, (last - first) // junction_sample.EVERY + 1)
@@ -235,7 +236,7 @@ def evaluate_prediction(
     out: Path,
 ) -> None:
     """`foresight evaluate prediction`; without data, on a recording of the project's own."""
-    console = Console()
+    console = terminal()
     if data is None:
         data = write_sample(out / "recorded").parent
         console.print(
@@ -255,7 +256,7 @@ def estimate_recorded(
     out: Path,
 ) -> None:
     """`foresight estimate`."""
-    console = Console()
+    console = terminal()
     # Everything that can be wrong with the input is found before anything is written.
     chosen = encounters(file, agents=agents, count=count, recording_number=recording)
     if pictures:
@@ -276,7 +277,7 @@ def estimate_recorded(
 
 def demonstrate(data: Path | None, workers: Workers, out: Path) -> None:
     """`foresight demo`."""
-    console = Console()
+    console = terminal()
     if data is not None:
         encounters(data, count=2)  # a bad file is reported at once, not after two minutes
     # The study comes first: its processes compile side by side what the later parts need.

@@ -14,6 +14,7 @@ from evaluation import figures, naming, tables
 from evaluation.closed_loop import summarise
 from evaluation.prediction_window import PredictionWindow
 from evaluation.recorded import PREDICTORS, Encounter, Judged
+from evaluation.terminal import terminal
 from foresight_env.datasets import Interaction
 
 
@@ -70,6 +71,15 @@ def forecasts(gamma, deviation, determined):
 
 def told(*results):
     return shown(tables.print_encounters, results)
+
+
+def test_output_to_a_file_is_not_cut(monkeypatch, capsys):
+    monkeypatch.delenv("COLUMNS", raising=False)
+    terminal().print("word " * 35)  # 174 characters
+    assert capsys.readouterr().out.count("\n") == 1
+    monkeypatch.setenv("COLUMNS", "60")
+    terminal().print("word " * 35)
+    assert capsys.readouterr().out.count("\n") == 3
 
 
 def test_units_are_shown():
