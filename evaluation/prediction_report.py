@@ -247,7 +247,10 @@ def print_prediction(console: Console, rows: Sequence[Row]) -> None:
 def error_over_time(rows: Sequence[Row], path: Path) -> Path:
     """Mean final displacement error after 1 to 4 s, a panel per data set and split."""
     shown = parts(rows)
-    figure = Figure(figsize=(4.0 * len(shown) + 0.6, 3.6), layout="constrained")
+    width = 4.0 * len(shown) + 0.6
+    columns = max(2, int(width / 2.1))
+    legend_rows = -(-len(predictors(rows)) // columns)
+    figure = Figure(figsize=(width, 3.6 + 0.2 * legend_rows), layout="constrained")
     panels = figure.subplots(1, len(shown), squeeze=False)[0]
     for axes, part in zip(panels, shown, strict=True):
         for predictor in predictors(rows):
@@ -267,5 +270,13 @@ def error_over_time(rows: Sequence[Row], path: Path) -> Path:
         axes.set_xticks(SECONDS)
         axes.set_ylim(bottom=0.0)
     panels[0].set_ylabel("mean displacement [m]")
-    panels[0].legend(fontsize=8)
+    # Below: a dozen curves that nearly coincide leave no corner free.
+    entries = {
+        label: line
+        for axes in panels
+        for line, label in zip(*axes.get_legend_handles_labels(), strict=True)
+    }
+    figure.legend(
+        list(entries.values()), list(entries), loc="outside lower center", ncols=columns, fontsize=8
+    )
     return save(figure, path)
