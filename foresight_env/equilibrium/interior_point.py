@@ -57,7 +57,7 @@ class Options:
     """The same where some are not: a short-sighted driver's stages settle one after another."""
     barrier: float = 1e-9
     """Complementarity product at the solution: the solution is a smooth function of parameters."""
-    start_barriers: tuple[float, ...] = (0.1, 1.0, 100.0)
+    start_barriers: tuple[float, ...] = (0.1, 1.0, 100.0, 10.0)
     """Complementarity product at the start of each attempt along the path. The first attempt begins
     at the start itself (from a similar game's solution, with that one's products), later ones at
     controls nudged off any symmetry and with the exact curvature used earlier. A narrow path stays
