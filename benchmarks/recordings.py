@@ -36,6 +36,7 @@ FORMATS = {"ind": 25.0, "dut": DUT_RATE, "ucy": UCY_RATE}
 def made(source: str, tracks: int) -> Recording:
     """People who walk at random, 1000 frames each, ten of them at a time."""
     random = np.random.default_rng(0)
+    step = 10 if source == "ucy" else 1
     walkers = []
     for i in range(tracks):
         velocity = random.normal(size=(FRAMES, 2))
@@ -43,8 +44,8 @@ def made(source: str, tracks: int) -> Recording:
             Track(
                 agent_id=f"ped:{i}" if source == "dut" else str(i),
                 kind="pedestrian",
-                frames=np.arange(FRAMES) * (10 if source == "ucy" else 1) + i * FRAMES // 10,
-                position=np.cumsum(velocity, axis=0) / FORMATS[source],
+                frames=step * (np.arange(FRAMES) + i * FRAMES // 10),
+                position=np.cumsum(velocity, axis=0) * step / FORMATS[source],
                 velocity=velocity,
                 heading=np.arctan2(velocity[:, 1], velocity[:, 0]),
             )
