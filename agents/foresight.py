@@ -52,6 +52,10 @@ class Foresight:
     """See `OnlineEstimator`: the others replan at every step, and the ego has not played the
     equilibrium that its old estimates stood for. Chosen on seeds 12 to 70 of the closed-loop study:
     90 % intervals of gamma cover 45 % of the truths with 1, 70 % with 1.3, 76 % with 1.6."""
+    warm_steps: int = 1
+    """See `OnlineEstimator`: one, because decisions are wanted in time. A discount factor that
+    changes is then followed half-way in 12 steps instead of 8; in left turns what is inferred is
+    as good with one (error 0.11) as with three (0.13)."""
     ahead: int | None = None
     """Stages after the window in the estimated game; None: three fifths of the planning horizon."""
     prior: Prior = Prior(gamma_weight=4.0, gamma_center=1.0)
@@ -76,6 +80,7 @@ class Foresight:
                 theta_deviation=self.prior.theta_deviation or scene.belief.deviation,
             ),
             aging=self.aging,
+            warm_steps=self.warm_steps,
         )
         early = constant_velocity().init(scene, agent)
         return ForesightMemory(scene, ego, estimator, None, None, early)

@@ -91,8 +91,8 @@ def plan_equilibrium(
         change = _change_of_others(scene, ego, bounded, solution)
         if change < least - SAME_CHANGE:
             best, least = solution, change
-    if not np.isfinite(least):
-        best = solve(game, bounded, theta, gamma)
+        if int(solution.iterations) > QUICK_STEPS:
+            break
     assert best is not None
     predicted: dict[int, np.ndarray] = {}
     if int(best.status) == Status.SOLVED:
@@ -100,6 +100,10 @@ def plan_equilibrium(
     return _decide(scene, ego, best, ego, previous, bounded[ego], predicted, gammas)
 
 
+QUICK_STEPS = 15
+"""Newton steps of a solve after which no further guess is tried at this decision: there is the next
+one. Of 1725 left turns' and roundabouts' decisions another equilibrium was preferred in 115; in 101
+of these the first solve was quicker than this."""
 INERTIA_STEPS = 8
 """Steps over which equilibria are compared with everybody's going straight on."""
 SAME_CHANGE = 1e-3
@@ -140,7 +144,5 @@ def plan_response(
     theta: dict[str, Any] = best_response_parameters(game, ego, own_theta, predicted)
     guess = None if previous is None else shift(previous.solution)
     solution = solve(alone, [state], [theta], [own_gamma], guess=guess)
-    if int(solution.status) != Status.SOLVED and guess is not None:
-        solution = solve(alone, [state], [theta], [own_gamma])
     paths = {j: s[:, :2] for j, s in predicted.items()}
     return _decide(scene, ego, solution, 0, previous, state, paths, {})

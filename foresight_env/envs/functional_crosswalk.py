@@ -8,9 +8,6 @@
 The same world as `foresight_env.envs.crosswalk`, whose page tells of spaces, rewards and ends; the
 ego is player 0. Arrays have the caller's precision; the solver works in double precision whatever
 that is. Nothing is checked and nothing restarts by itself: `CrosswalkVectorEnv` does both.
-
-Where the warm-started solve of `"receding"` fails, the plan before is followed on; the environment
-tries a cold start first. Under `vmap` that would be paid at every step by all.
 """
 
 from __future__ import annotations

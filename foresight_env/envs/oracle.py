@@ -29,7 +29,7 @@ class SolverReport(NamedTuple):
     residual: float = 0.0
     """Scaled KKT residual of the latest solve; infinite when it is not a number."""
     failures: int = 0
-    """Steps of this episode whose solve did not end with `Status.SOLVED`, cold retry included."""
+    """Steps of this episode whose solve did not end with `Status.SOLVED`."""
 
 
 class BehaviourSetting(NamedTuple):
@@ -95,13 +95,11 @@ class _Oracle:
         self._situation, self._plan, self._report = situation, None, SolverReport()
 
     def _solve(self, states: Float[np.ndarray, "N n"], guess: Solution | None) -> Solution | None:
-        """A solution from the guess, or else from a cold start; None when both failed."""
+        """A solution; None when there was none to be found."""
         if self._situation is None:
             raise RuntimeError("act: there is no episode; call reset first")
         _, theta, gamma = self._situation
         found = solve(self._game, states, theta, gamma, guess=guess)
-        if guess is not None and int(found.status) != Status.SOLVED:
-            found = solve(self._game, states, theta, gamma)
         solved = int(found.status) == Status.SOLVED
         residual = float(found.residual)
         self._report = SolverReport(
@@ -120,9 +118,8 @@ class _Oracle:
 class Receding(_Oracle):
     """Re-solves the game of all players at every step and plays the first stage of the solution.
 
-    Each solve starts from the previous solution, shifted by one stage, and once more from a cold
-    start if that fails. When both fail, the shifted plan is played on; without one, everybody
-    brakes to rest.
+    Each solve starts from the previous solution, shifted by one stage. When it fails (a cold start
+    is among its attempts), the shifted plan is played on; without one, everybody brakes to rest.
     """
 
     def __init__(self, setting: BehaviourSetting) -> None:

@@ -54,8 +54,7 @@ class VectorOracle:
     def _receding_controls(
         self, state: CrosswalkState, live: Bool[np.ndarray, "B"]
     ) -> Float[np.ndarray, "B N 2"]:
-        again = live & self.known
-        cold = live & ~self.known
+        again, cold = live & self.known, live & ~self.known
         if again.any():
             self._plans = jax.tree.map(_shifted, self._plans)
             # All of them, those that are not asked for last: the batch keeps its size.
@@ -63,37 +62,34 @@ class VectorOracle:
             asked = int(again.sum())
             warm = jax.tree.map(lambda v: v[chosen], self._plans)
             found = solve_checked(self._layout, self._parameters(state, chosen), warm, active=asked)
-            rows = np.flatnonzero(found.status[:asked] == Status.SOLVED)
-            self._take(found, rows, chosen[rows])
-            cold |= again
-            cold[chosen[rows]] = False
+            self._take(found, chosen[:asked])
         self._solve_cold(state, np.flatnonzero(cold))
         return np.array(self._plans.u[:, 0]).reshape(-1, self._players, 2)
 
     def _solve_cold(self, state: CrosswalkState, places: Int[np.ndarray, "b"]) -> None:
-        """Solve there without a guess; who fails keeps the plan it has, if it has one."""
+        """Solve there without a guess."""
         if not places.size:
             return
         asked = places.size
         chosen = np.concatenate([places, np.repeat(places[-1:], padded(asked) - asked)])
         found = solve_checked(self._layout, self._parameters(state, chosen), None, active=asked)
-        solved = found.status[: places.size] == Status.SOLVED
-        self._take(found, np.flatnonzero(solved), places[solved])
-        failed = places[~solved]
-        self.status[failed] = found.status[: places.size][~solved]
-        residual = found.residual[: places.size][~solved]
-        self.residual[failed] = np.where(np.isfinite(residual), residual, np.inf)
-        self.failures[failed] += 1
+        self._take(found, places)
 
-    def _take(
-        self, found: Solution, rows: Int[np.ndarray, "b"], places: Int[np.ndarray, "b"]
-    ) -> None:
-        """Solved games `rows` become the plans of environments `places`."""
+    def _take(self, found: Solution, places: Int[np.ndarray, "b"]) -> None:
+        """The first games of `found` become the plans of environments `places`, in this order.
+
+        Who fails keeps the plan it has, if it has one.
+        """
+        status = found.status[: places.size]
+        residual = found.residual[: places.size]
+        rows = np.flatnonzero(status == Status.SOLVED)
+        solved = places[rows]
         for plan, point in zip(self._plans, found.point, strict=True):
-            plan[places] = np.asarray(point)[rows]
-        self.known[places] = True
-        self.status[places] = Status.SOLVED
-        self.residual[places] = found.residual[rows]
+            plan[solved] = np.asarray(point)[rows]
+        self.known[solved] = True
+        self.status[places] = status
+        self.residual[places] = np.where(np.isfinite(residual), residual, np.inf)
+        self.failures[places] += status != Status.SOLVED
 
     def _parameters(self, state: CrosswalkState, chosen: Int[np.ndarray, "b"]) -> Parameters:
         situation = jax.tree.map(lambda v: v[chosen], state.situation)

@@ -23,11 +23,11 @@ from foresight_env.equilibrium.interior_point import (
     Options,
     accuracy_of,
     astray,
+    attempt_rules,
     converged,
     hopeless,
     is_finite,
     newton_step,
-    step_limit,
 )
 from foresight_env.equilibrium.kkt import Iterate, Parameters
 from foresight_env.equilibrium.layout import Layout, layout_of
@@ -80,8 +80,8 @@ def _advance(
     """One step of one lane; its result so far, whether it is solved, whether it is stuck."""
     pairs, accuracy = pairs_of(layout), accuracy_of(options, None)
     local = None if cold else lane.attempt == 0
-    exact_below = options.exact_below * 10.0 ** jnp.maximum(lane.attempt - 1, 0)
-    limit = jnp.asarray(step_limit(layout, options))
+    near = None if cold else jnp.ones((), bool)
+    exact_below, limit = attempt_rules(layout, options, lane.attempt, near)
     if local is not None:
         exact_below = jnp.where(local, jnp.inf, exact_below)
         limit = jnp.where(local, options.local_steps, limit)
@@ -143,6 +143,7 @@ def _solve_lanes(
     count = parameters.gamma.shape[0]
     starts: Start = jax.vmap(lambda p, s: begin(layout, options, p, s))(parameters, guess)
     first = 1 if starts.near is None else 0
+    attempts = len(options.start_barriers) + 1 - first
 
     def of(tree: Any, number: Array) -> Any:
         """Entries of these games; lanes without one get the last game's."""
@@ -166,7 +167,7 @@ def _solve_lanes(
     def body(state: tuple[_Lane, Equilibrium, Array]) -> tuple[_Lane, Equilibrium, Array]:
         lanes, found, waiting = state
         lanes, result, solved, stuck = advance(of(parameters, lanes.number), lanes)
-        ended = solved | (stuck & (lanes.attempt >= len(options.start_barriers)))
+        ended = solved | (stuck & (lanes.attempt >= attempts))
         ended &= lanes.number < active
         # Lanes still at work write beyond the end, which is dropped.
         place = jnp.where(ended, lanes.number, count)

@@ -18,9 +18,10 @@ from jaxtyping import Array, Bool, Float, Int
 from foresight_env.equilibrium.interior_point import (
     Options,
     accuracy_of,
+    attempt_count,
+    attempt_rules,
     converged,
     iterate,
-    step_limit,
 )
 from foresight_env.equilibrium.kkt import Iterate, Parameters
 from foresight_env.equilibrium.layout import Layout
@@ -52,16 +53,16 @@ def _solve(layout: Layout, options: Options, parameters: Parameters, start: Star
     """Attempts until one succeeds; module `start` says where each begins."""
     accuracy = accuracy_of(options, start.barrier)
     first = jnp.ones((), int) if start.near is None else jnp.where(start.near, 0, 1)
-    attempts = jnp.asarray(len(options.start_barriers))
-    limit = jnp.asarray(step_limit(layout, options))
+    attempts = attempt_count(options, start.near)
     if start.trial is not None:
         attempts = jnp.where(start.trial, jnp.minimum(attempts, 1), attempts)
-        limit = jnp.where(start.trial, jnp.minimum(limit, options.trial_steps), limit)
 
     def attempt(state):
         number, last, spent = state
         begin = begin_attempt(layout, options, parameters, start, number)
-        exact_below = options.exact_below * 10.0 ** jnp.maximum(number - 1, 0)
+        exact_below, limit = attempt_rules(layout, options, number, start.near)
+        if start.trial is not None:
+            limit = jnp.where(start.trial, jnp.minimum(limit, options.trial_steps), limit)
         local = None if start.near is None else number == 0
         point, ev, iterations = iterate(
             layout, parameters, begin, options, accuracy, exact_below, limit, local

@@ -134,7 +134,7 @@ class OnlineEstimator:
     agents change their plans, so that old observations say less of what they will do."""
     starts: int = 2
     """Discount factors to start from where there is no last solution."""
-    careful_updates: int = 4
+    careful_updates: int = 1
     """Updates at the beginning that start afresh."""
     warm_steps: int = 3
     """Most Gauss-Newton steps of a fit that goes on from the last one (others: the method's own
@@ -143,7 +143,8 @@ class OnlineEstimator:
     SIAM J. Control Optim. 43, 2005)."""
     options: Options | None = None
     """Of the forward solver; None: `quick_options` of the covariance."""
-    method: GaussNewton = GaussNewton(max_iterations=8, cost_tolerance=1e-3, smoothing=(3e-2,))
+    method: GaussNewton = GaussNewton(max_iterations=3, cost_tolerance=1e-3, smoothing=(3e-2,))
+    """Of fits that start afresh; the updates after them go on where they ended, too."""
 
     def init(self, theta: Sequence[Theta], gamma: Any) -> OnlineState:
         """Nothing seen yet; `theta` and `gamma` are fixed values or first guesses."""
@@ -204,9 +205,7 @@ class OnlineEstimator:
         variance = self.covariance * self.aging ** (2.0 * age)
         covariance = variance[:, None, None] * np.eye(self.model.size)
 
-        quick = replace(
-            self.method, max_iterations=min(self.warm_steps, int(self.method.max_iterations))
-        )
+        quick = replace(self.method, max_iterations=self.warm_steps)
 
         def fit(start: Solution | None, count: int, method: GaussNewton = self.method) -> Estimate:
             return estimate(

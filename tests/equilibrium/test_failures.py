@@ -10,6 +10,7 @@ import pytest
 from small_games import CROSSING_GAMMA, CROSSING_STATES, crossing, crossing_theta
 
 from foresight_env.equilibrium import Options, SolveError, Status, shift, solve, solve_many
+from foresight_env.equilibrium.interior_point import attempt_count, attempt_rules
 from foresight_env.equilibrium.layout import layout_of
 from foresight_env.equilibrium.pairs import pairs_of
 from foresight_env.equilibrium.start import begin, begin_attempt
@@ -24,6 +25,7 @@ from foresight_env.games import (
     Player,
     SharedInequality,
 )
+from foresight_env.scenarios.crosswalk import crosswalk_game, nominal_setting
 
 ORIGIN = np.zeros((1, 4))
 GOAL = ({"goal": np.ones(2)},)
@@ -282,6 +284,44 @@ def test_each_attempt_begins_with_its_own_product():
             point = begin_attempt(layout, options, parameters, start, jnp.asarray(number))
             products = np.asarray(point.slack * point.mult)[np.asarray(exists)]
             np.testing.assert_allclose(products, product)
+
+
+def test_after_a_solution_that_leads_nowhere_attempts_begin_as_without_one():
+    """The first two are the solution's own; the next is the cold start, later ones are nudged."""
+    game, theta = last_stage_capped(), ({"goal": np.array([2.0, 0.0])},)
+    options = Options(start_barriers=(1.0, 50.0, 0.2))
+    layout, found = layout_of(game), solve(game, np.zeros((1, 4)), theta, 0.9)
+    with jax.enable_x64(True):
+        parameters = check_parameters(game, np.ones((1, 4)), theta, 0.9)
+        point = jax.tree.map(jnp.asarray, found.point)
+        warm, cold = (begin(layout, options, parameters, s) for s in (point, None))
+        for number in range(1, len(options.start_barriers) + 1):
+            after, fresh = (
+                begin_attempt(layout, options, parameters, start, jnp.asarray(n))
+                for start, n in ((warm, number + 1), (cold, number))
+            )
+            jax.tree.map(np.testing.assert_array_equal, after, fresh)
+            rules = (
+                attempt_rules(layout, options, jnp.asarray(n), start.near)
+                for start, n in ((warm, number + 1), (cold, number))
+            )
+            assert [float(v) for v in next(rules)] == [float(v) for v in next(rules)]
+        assert attempt_count(options, warm.near) == attempt_count(options, cold.near) + 1
+
+
+def test_a_solution_that_leads_nowhere_does_not_cost_a_game_that_can_be_solved():
+    """Replanning at this crossing, no attempt from the last plan reaches an equilibrium."""
+    game, setting = crosswalk_game(2, 25), nominal_setting(2)
+    places = np.array([[1.86737916, 1.84715993], [-0.01921973, 2.02985794]])
+    states, guess = list(np.pad(places, ((0, 0), (0, 2)))), None
+    for step in range(4):
+        found = solve(game, states, setting.theta, [0.95, 0.9], guess=guess)
+        assert found.status == Status.SOLVED
+        if step < 3:
+            guess, states = shift(found), [s[1] for s in found.states]
+    assert found.iterations > Options().local_steps + Options().resumed_steps
+    cold = solve(game, states, setting.theta, [0.95, 0.9])
+    np.testing.assert_allclose(found.states[0], cold.states[0], atol=1e-6)
 
 
 def test_a_guess_with_other_constraints_is_refused():
