@@ -23,6 +23,7 @@ from foresight_env.equilibrium.interior_point import (
     Options,
     accuracy_of,
     astray,
+    attempt_count,
     attempt_rules,
     converged,
     hopeless,
@@ -143,7 +144,7 @@ def _solve_lanes(
     count = parameters.gamma.shape[0]
     starts: Start = jax.vmap(lambda p, s: begin(layout, options, p, s))(parameters, guess)
     first = 1 if starts.near is None else 0
-    attempts = len(options.start_barriers) + 1 - first
+    attempts = attempt_count(options, None if starts.near is None else starts.near[0])
 
     def of(tree: Any, number: Array) -> Any:
         """Entries of these games; lanes without one get the last game's."""

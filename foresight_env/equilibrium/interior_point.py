@@ -101,10 +101,24 @@ EXACT_FROM_SOLUTION = 10.0
 much like the solution's."""
 
 
+ATTEMPTS_NEAR = 2
+"""Attempts along the path from a similar game's solution, the second from its controls, nudged,
+before it is put aside. Nudged three times, it went on to fail at games that have other solutions;
+put aside at once for a cold start, which breaks no symmetry, two walkers who face each other came
+to wait for each other, and in the closed loop to collide."""
+
+
 def attempt_count(options: Options, near: Bool[AnyArray, ""] | None) -> Int[Array, ""]:
-    """Attempts along the path; one more where the first begins at a similar game's solution."""
+    """Attempts along the path."""
     count = jnp.asarray(len(options.start_barriers))
-    return count if near is None else count + near
+    return count if near is None else count + ATTEMPTS_NEAR * near
+
+
+def attempt_place(number: Int[Array, ""], near: Bool[AnyArray, ""] | None) -> Int[Array, ""]:
+    """Place in `Options.start_barriers`, from 1; counted anew once a solution is put aside."""
+    if near is None:
+        return number
+    return jnp.where(near & (number > ATTEMPTS_NEAR), number - ATTEMPTS_NEAR, number)
 
 
 def attempt_rules(
@@ -114,10 +128,11 @@ def attempt_rules(
 
     `near`: whether attempt 1 begins at a similar game's solution; None: no attempt does.
     """
+    place = attempt_place(number, near)
+    exact_below = options.exact_below * 10.0 ** jnp.maximum(place - 1, 0)
     limit = jnp.asarray(step_limit(layout, options))
     if near is None:
-        return options.exact_below * 10.0 ** jnp.maximum(number - 1, 0), limit
-    exact_below = options.exact_below * 10.0 ** jnp.maximum(number - near - 1, 0)
+        return exact_below, limit
     resumed = near & (number == 1)
     return (
         jnp.where(resumed, EXACT_FROM_SOLUTION * options.exact_below, exact_below),

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from foresight_env.equilibrium.interior_point import Options
+from foresight_env.equilibrium.interior_point import ATTEMPTS_NEAR, Options, attempt_place
 from foresight_env.equilibrium.kkt import Iterate, Parameters
 from foresight_env.equilibrium.layout import Layout
 from foresight_env.equilibrium.pairs import Parts, distances_to_bounds, join, pairs_of, split
@@ -19,7 +19,7 @@ from foresight_env.games.types import AnyArray, Scalar
 WARM_BARRIER = 1e-2
 """Complementarity product to which a start from a solution backs off before the path is followed:
 at the solution's own product it is too narrow to follow a change of parameters. Crossings are
-solved in 9.4 steps on average (local ones included), 11.4 with 1e-4; of 1e-1, 9.8."""
+solved in 9.4 steps on average (local ones included), in 11.7 with 1e-4."""
 
 
 class Start(NamedTuple):
@@ -136,8 +136,8 @@ def begin_attempt(
     """Where the attempt of that number begins.
 
     0: local steps from a similar game's solution; 1: the path from there, or from the start; from 2
-    on: the path from nudged controls, away from any symmetry. Where a similar game's solution has
-    led nowhere, 2 is the path from nobody's acting instead, and the nudged ones begin with 3.
+    on: the path from nudged controls, away from any symmetry; of a similar game's solution once,
+    then from nobody's acting.
     """
 
     def near() -> Iterate:
@@ -152,11 +152,12 @@ def begin_attempt(
 
     def nudged() -> Iterate:
         # Incommensurable frequencies: no two agents are nudged alike, and runs repeat exactly.
-        solves = jnp.zeros((), bool) if start.near is None else start.near
-        u = jnp.where(solves, 0.0, start.point.u)
-        place = number - solves
+        u = start.point.u
+        if start.near is not None:
+            u = jnp.where(start.near & (number > ATTEMPTS_NEAR), 0.0, u)
         phase = jnp.arange(u.size, dtype=u.dtype).reshape(u.shape)
-        shifted = u + 0.5 * (place - 1) * jnp.sin(1.0 + 2.4 * phase)
+        shifted = u + 0.5 * (number - 1) * jnp.sin(1.0 + 2.4 * phase)
+        place = attempt_place(number, start.near)
         return from_controls(layout, options, parameters, shifted, place)
 
     choices = (first, nudged) if start.near is None else (near, first, nudged)

@@ -134,7 +134,7 @@ class OnlineEstimator:
     agents change their plans, so that old observations say less of what they will do."""
     starts: int = 2
     """Discount factors to start from where there is no last solution."""
-    careful_updates: int = 1
+    careful_updates: int = 4
     """Updates at the beginning that start afresh."""
     warm_steps: int = 3
     """Most Gauss-Newton steps of a fit that goes on from the last one (others: the method's own
@@ -143,8 +143,7 @@ class OnlineEstimator:
     SIAM J. Control Optim. 43, 2005)."""
     options: Options | None = None
     """Of the forward solver; None: `quick_options` of the covariance."""
-    method: GaussNewton = GaussNewton(max_iterations=3, cost_tolerance=1e-3, smoothing=(3e-2,))
-    """Of fits that start afresh; the updates after them go on where they ended, too."""
+    method: GaussNewton = GaussNewton(max_iterations=8, cost_tolerance=1e-3, smoothing=(3e-2,))
 
     def init(self, theta: Sequence[Theta], gamma: Any) -> OnlineState:
         """Nothing seen yet; `theta` and `gamma` are fixed values or first guesses."""

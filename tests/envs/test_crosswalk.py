@@ -344,22 +344,6 @@ def test_a_failed_solve_keeps_the_shifted_plan(monkeypatch):
         assert info["solver_failures"] == step
 
 
-def test_a_failed_warm_start_is_tried_again_cold(monkeypatch):
-    def only_cold(*arguments, guess=None):
-        found = solve(*arguments, guess=guess)
-        return found if guess is None else found._replace(status=np.array(Status.ITERATION_LIMIT))
-
-    monkeypatch.setattr(oracle, "solve", only_cold)
-    env = make()
-    info = env.reset(seed=1)[1][EGO]
-    theta = [{name: value[i] for name, value in info["theta"].items()} for i in range(2)]
-    for _ in range(3):
-        cold = solve(crosswalk_game(2, 6), info["state"], theta, info["gamma"])
-        info = env.step(STILL)[4][EGO]
-        assert info["controls"][1] == pytest.approx(cold.controls[1][0], abs=1e-9)
-        assert (info["solver_status"], info["solver_failures"]) == (Status.SOLVED, 0)
-
-
 def test_nothing_is_solved_when_everybody_is_controlled(monkeypatch):
     monkeypatch.setattr(oracle, "solve", None)
     for row in conformance.episode(make(controlled="all"), 0)[1:]:
