@@ -22,8 +22,9 @@ from evaluation.store import Row, Store, Trial
 from evaluation.trials import run_trials
 from evaluation.workers import Workers
 
-SCHEMA = 2
-"""Counted up when rows get other columns or mean something else: older folders are refused."""
+SCHEMA = 3
+"""Counted up when rows get other columns, mean something else or come from another way of solving
+or planning: older folders are refused."""
 OPEN_KEY = ("place", "seed", "predictor", "settings")
 CLOSED_KEY = ("place", "others", "ego", "settings", "seed")
 PREDICTED_SECONDS = 1.0

@@ -30,8 +30,9 @@ EGO_GAMMA = 0.95
 OTHERS_GAMMA = (0.3, 1.0)
 MAX_STEPS = 100
 KEY = ("ego", "settings", "seed")
-SCHEMA = 4
-"""Counted up when rows get other columns or mean something else: older folders are refused."""
+SCHEMA = 5
+"""Counted up when rows get other columns, mean something else or come from another way of solving
+or planning: older folders are refused."""
 KNOWING = ("oracle", "farsighted")
 """Egos that know or assume the discount factors in their decisions; others infer them."""
 

@@ -26,8 +26,9 @@ from evaluation.trials import run_trials
 from evaluation.workers import Workers
 
 KEY = ("scene", "others", "ego", "settings", "seed")
-SCHEMA = 3
-"""Counted up when rows get other columns or mean something else: older folders are refused."""
+SCHEMA = 4
+"""Counted up when rows get other columns, mean something else or come from another way of solving
+or planning: older folders are refused."""
 
 
 @dataclass(frozen=True)

@@ -48,7 +48,7 @@ within 0.25 m of its goal at the end of a step. Truncated: `max_steps` without e
 - `controlled=(0,)`: indices of those that the user controls; `None` or `"all"` for everybody.
 - `behaviour="receding"`: what the others do. `"receding"` solves the game of all players, true
   parameters and true states, at every step; `"open_loop"` solves it once, over `max_steps` stages,
-  and follows that plan. When a solve fails, also from a cold start, the previous plan is followed;
+  and follows that plan. When a solve fails, the previous plan is followed;
   without one, the others brake to rest. Or a factory of a behaviour of one's own (module `oracle`).
 - `observation="full"`: or `"positions"`.
 - `noise_std=0.05`: standard deviation of the noise of every observed coordinate, m and m/s.

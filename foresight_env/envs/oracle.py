@@ -118,8 +118,8 @@ class _Oracle:
 class Receding(_Oracle):
     """Re-solves the game of all players at every step and plays the first stage of the solution.
 
-    Each solve starts from the previous solution, shifted by one stage. When it fails (a cold start
-    is among its attempts), the shifted plan is played on; without one, everybody brakes to rest.
+    Each solve starts from the previous solution, shifted by one stage. When it fails, the shifted
+    plan is played on; without one, everybody brakes to rest.
     """
 
     def __init__(self, setting: BehaviourSetting) -> None:

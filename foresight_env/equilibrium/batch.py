@@ -17,14 +17,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from foresight_env.equilibrium.attempts import attempt_count, attempt_rules
 from foresight_env.equilibrium.convexity import next_convexity, used_convexity
 from foresight_env.equilibrium.implicit import Equilibrium
 from foresight_env.equilibrium.interior_point import (
     Options,
     accuracy_of,
     astray,
-    attempt_count,
-    attempt_rules,
     converged,
     hopeless,
     is_finite,

@@ -15,11 +15,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from foresight_env.equilibrium.attempts import attempt_count, attempt_rules
 from foresight_env.equilibrium.interior_point import (
     Options,
     accuracy_of,
-    attempt_count,
-    attempt_rules,
     converged,
     iterate,
 )

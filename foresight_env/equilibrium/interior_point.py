@@ -42,7 +42,7 @@ from foresight_env.equilibrium.residual import (
 )
 from foresight_env.equilibrium.rollout import feedback_rollout
 from foresight_env.equilibrium.stagewise import Factor, factorise
-from foresight_env.games.types import AnyArray, Scalar
+from foresight_env.games.types import Scalar
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class Options:
     at the start itself, later ones at controls nudged off any symmetry and with the exact curvature
     used earlier. A narrow path stays near the equilibrium that it begins at, and suits cars that
     just fit between others; costs in the hundreds want a wide one. From a similar game's solution
-    there is one attempt before them, with that solution's products."""
+    there are two attempts before them (module `attempts`)."""
     exact_below: float = 1e-2
     """Residual below which all curvature is used exactly."""
     local_steps: int = 10
@@ -89,55 +89,6 @@ class Accuracy(NamedTuple):
     """Complementarity product."""
     tolerance: Scalar | float
     """Largest entry of the scaled KKT residual."""
-
-
-def step_limit(layout: Layout, options: Options) -> int:
-    """Newton steps that an attempt along the path may take."""
-    return options.max_iterations if layout.linear else options.nonlinear_iterations
-
-
-EXACT_FROM_SOLUTION = 10.0
-"""Factor of `Options.exact_below` on the path from a similar game's solution: curvature there is
-much like the solution's."""
-
-
-ATTEMPTS_NEAR = 2
-"""Attempts along the path from a similar game's solution, the second from its controls, nudged,
-before it is put aside. Nudged three times, it went on to fail at games that have other solutions;
-put aside at once for a cold start, which breaks no symmetry, two walkers who face each other came
-to wait for each other, and in the closed loop to collide."""
-
-
-def attempt_count(options: Options, near: Bool[AnyArray, ""] | None) -> Int[Array, ""]:
-    """Attempts along the path."""
-    count = jnp.asarray(len(options.start_barriers))
-    return count if near is None else count + ATTEMPTS_NEAR * near
-
-
-def attempt_place(number: Int[Array, ""], near: Bool[AnyArray, ""] | None) -> Int[Array, ""]:
-    """Place in `Options.start_barriers`, from 1; counted anew once a solution is put aside."""
-    if near is None:
-        return number
-    return jnp.where(near & (number > ATTEMPTS_NEAR), number - ATTEMPTS_NEAR, number)
-
-
-def attempt_rules(
-    layout: Layout, options: Options, number: Int[Array, ""], near: Bool[AnyArray, ""] | None
-) -> tuple[Scalar, Int[Array, ""]]:
-    """Of an attempt along the path: below which residual curvature is exact, and most steps.
-
-    `near`: whether attempt 1 begins at a similar game's solution; None: no attempt does.
-    """
-    place = attempt_place(number, near)
-    exact_below = options.exact_below * 10.0 ** jnp.maximum(place - 1, 0)
-    limit = jnp.asarray(step_limit(layout, options))
-    if near is None:
-        return exact_below, limit
-    resumed = near & (number == 1)
-    return (
-        jnp.where(resumed, EXACT_FROM_SOLUTION * options.exact_below, exact_below),
-        jnp.where(resumed, jnp.minimum(limit, options.resumed_steps), limit),
-    )
 
 
 def accuracy_of(options: Options, barrier: Scalar | None) -> Accuracy:

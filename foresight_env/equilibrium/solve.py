@@ -219,8 +219,8 @@ def solve(
         x0: per-player initial states, each (n_i,), or an array (N, n).
         theta: one mapping of cost parameters per player.
         gamma: discount factors, (N,) or one number; 0 is myopic, above 1 is allowed.
-        guess: a `Solution` of a similar game (warm start; a cold one is tried where it leads
-            nowhere), or per-player controls (T, m_i).
+        guess: a `Solution` of a similar game (warm start; where it leads nowhere, it is put
+            aside), or per-player controls (T, m_i).
         options: tolerances.
         throw: raise `SolveError` when the game was not solved (concrete calls only).
 

@@ -9,7 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from foresight_env.equilibrium.interior_point import ATTEMPTS_NEAR, Options, attempt_place
+from foresight_env.equilibrium.attempts import ATTEMPTS_NEAR, attempt_place
+from foresight_env.equilibrium.interior_point import Options
 from foresight_env.equilibrium.kkt import Iterate, Parameters
 from foresight_env.equilibrium.layout import Layout
 from foresight_env.equilibrium.pairs import Parts, distances_to_bounds, join, pairs_of, split

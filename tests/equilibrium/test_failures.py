@@ -10,7 +10,7 @@ import pytest
 from small_games import CROSSING_GAMMA, CROSSING_STATES, crossing, crossing_theta
 
 from foresight_env.equilibrium import Options, SolveError, Status, shift, solve, solve_many
-from foresight_env.equilibrium.interior_point import attempt_count, attempt_rules
+from foresight_env.equilibrium.attempts import attempt_count, attempt_rules
 from foresight_env.equilibrium.layout import layout_of
 from foresight_env.equilibrium.pairs import pairs_of
 from foresight_env.equilibrium.start import begin, begin_attempt
