@@ -311,7 +311,8 @@ def test_after_a_solution_that_leads_nowhere_attempts_begin_without_it():
 
 
 def test_a_solution_that_leads_nowhere_does_not_cost_a_game_that_can_be_solved():
-    """Replanning at this crossing, no attempt from the last plan reaches an equilibrium."""
+    """At the last step of this crossing the path from the last plan reaches no equilibrium, nor do
+    nudges of it; from elsewhere there is one."""
     game, setting = crosswalk_game(2, 25), nominal_setting(2)
     places = np.array([[1.86737916, 1.84715993], [-0.01921973, 2.02985794]])
     states, guess = list(np.pad(places, ((0, 0), (0, 2)))), None
