@@ -16,7 +16,7 @@ from jaxtyping import Float
 from agents.motion import player_positions, present_state
 from agents.own_state import observation_variance
 from agents.perception import Perception
-from agents.planning import Plan, plan_equilibrium
+from agents.planning import QUICK_STEPS, Plan, plan_equilibrium
 from agents.policy import Decision
 from agents.predict_then_plan import PlanMemory, constant_velocity
 from foresight_env.envs.scene import Scene
@@ -38,6 +38,8 @@ class ForesightMemory(NamedTuple):
     """What to do until there is an estimate; its perception knows the ego's own state."""
     stale: bool = False
     """Whether the latest update kept the estimate before it."""
+    late: bool = False
+    """Whether the latest update has taken its time."""
 
 
 @dataclass(frozen=True)
@@ -52,14 +54,8 @@ class Foresight:
     """See `OnlineEstimator`: the others replan at every step, and the ego has not played the
     equilibrium that its old estimates stood for. Chosen on seeds 12 to 70 of the closed-loop study:
     90 % intervals of gamma cover 45 % of the truths with 1, 70 % with 1.3, 76 % with 1.6."""
-    warm_steps: int = 1
-    """See `OnlineEstimator`. This and the next two because decisions are wanted in time: a discount
-    factor that changes is followed half-way in 12 steps instead of 8, but in left turns what is
-    inferred is as good as with the estimator's own settings (error 0.11 beside 0.13)."""
-    fresh_steps: int = 3
-    """Most Gauss-Newton steps of a fit that starts afresh."""
-    careful_updates: int = 1
-    """Updates at the beginning that start afresh."""
+    quick: bool | None = None
+    """See `OnlineEstimator`; None: where more than two play and games take long."""
     ahead: int | None = None
     """Stages after the window in the estimated game; None: three fifths of the planning horizon."""
     prior: Prior = Prior(gamma_weight=4.0, gamma_center=1.0)
@@ -72,6 +68,7 @@ class Foresight:
             Free((), False, True) if j == ego else Free(scene.belief.free, self.infer_gamma, True)
             for j in range(scene.players)
         )
+        quick = scene.players > 2 if self.quick is None else self.quick
         ahead = max(1, round(AHEAD_PART * scene.game.horizon)) if self.ahead is None else self.ahead
         estimator = OnlineEstimator(
             replace(scene.game, horizon=self.window - 1 + ahead),
@@ -84,9 +81,8 @@ class Foresight:
                 theta_deviation=self.prior.theta_deviation or scene.belief.deviation,
             ),
             aging=self.aging,
-            warm_steps=self.warm_steps,
-            careful_updates=self.careful_updates,
-            method=replace(OnlineEstimator.method, max_iterations=self.fresh_steps),
+            starts=1 if quick else OnlineEstimator.starts,
+            quick=quick,
         )
         early = constant_velocity().init(scene, agent)
         return ForesightMemory(scene, ego, estimator, None, None, early)
@@ -120,7 +116,11 @@ class Foresight:
             )
         following = memory.estimator.update(state, seen)
         stale = following.failures > state.failures
-        return memory._replace(state=following, early=early, stale=stale)
+        afresh = state.guess is None or state.afresh
+        found = following.estimate
+        long = found is not None and int(found.steps) > QUICK_STEPS
+        late = memory.estimator.quick and (stale or afresh or long)
+        return memory._replace(state=following, early=early, stale=stale, late=late)
 
     def _guess(
         self, perception: Perception, recent: Float[np.ndarray, "K size"]
@@ -163,7 +163,15 @@ class Foresight:
         # 98 of 100 decisions at crossings and left turns), so it is for the first plan alone.
         future = [] if memory.plan is not None else [_future(scene, state, found)]
         decision, plan = plan_equilibrium(
-            scene, ego, present, found.theta, found.gamma, memory.plan, gammas, [*future, None]
+            scene,
+            ego,
+            present,
+            found.theta,
+            found.gamma,
+            memory.plan,
+            gammas,
+            [*future, None],
+            hurried=memory.late,
         )
         early = memory.early._replace(perception=perception.acted(decision.action))
         return replace(decision, stale=memory.stale), memory._replace(plan=plan, early=early)

@@ -69,6 +69,8 @@ def plan_equilibrium(
     previous: Plan | None,
     gammas: dict[int, tuple[float, float]],
     guesses: Sequence[Guess] = (),
+    *,
+    hurried: bool = False,
 ) -> tuple[Decision, Plan | None]:
     """Everybody plays an equilibrium of the scene's game; the ego takes its part of it.
 
@@ -83,15 +85,18 @@ def plan_equilibrium(
     if previous is not None and len(previous.solution.states) == len(game.players):
         starts.insert(0, shift(previous.solution))
     best, least = None, np.inf
-    for start in starts or [None]:
-        solution = solve(game, bounded, theta, gamma, guess=start)
+    starts = starts or [None]
+    for number, start in enumerate(starts, 1):
+        solved = best is not None and int(best.status) == Status.SOLVED
+        brief = solved or number < len(starts)
+        solution = solve(game, bounded, theta, gamma, guess=start, hurried=brief)
         if int(solution.status) != Status.SOLVED:
             best = solution if best is None else best
             continue
         change = _change_of_others(scene, ego, bounded, solution)
         if change < least - SAME_CHANGE:
             best, least = solution, change
-        if int(solution.iterations) > QUICK_STEPS:
+        if hurried or int(solution.iterations) > QUICK_STEPS:
             break
     assert best is not None
     predicted: dict[int, np.ndarray] = {}

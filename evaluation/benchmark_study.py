@@ -22,7 +22,7 @@ from evaluation.store import Row, Store, Trial
 from evaluation.trials import run_trials
 from evaluation.workers import Workers
 
-SCHEMA = 3
+SCHEMA = 4
 """Counted up when rows get other columns, mean something else or come from another way of solving
 or planning: older folders are refused."""
 OPEN_KEY = ("place", "seed", "predictor", "settings")

@@ -30,7 +30,7 @@ EGO_GAMMA = 0.95
 OTHERS_GAMMA = (0.3, 1.0)
 MAX_STEPS = 100
 KEY = ("ego", "settings", "seed")
-SCHEMA = 5
+SCHEMA = 6
 """Counted up when rows get other columns, mean something else or come from another way of solving
 or planning: older folders are refused."""
 KNOWING = ("oracle", "farsighted")

@@ -26,7 +26,7 @@ from evaluation.trials import run_trials
 from evaluation.workers import Workers
 
 KEY = ("scene", "others", "ego", "settings", "seed")
-SCHEMA = 4
+SCHEMA = 5
 """Counted up when rows get other columns, mean something else or come from another way of solving
 or planning: older folders are refused."""
 

@@ -106,7 +106,12 @@ class Kind(IntEnum):
 
 @partial(jax.jit, static_argnums=(0, 1))
 def _solve_packed(
-    layout: Layout, options: Options, parameters: Parameters, point: Iterate, kind: Array
+    layout: Layout,
+    options: Options,
+    parameters: Parameters,
+    point: Iterate,
+    kind: Array,
+    hurried: Array,
 ) -> Float[Array, "packed"]:
     """All of a `Solution` in one vector, which is handed over ten times as fast as its arrays.
 
@@ -120,7 +125,7 @@ def _solve_packed(
         return from_controls(layout, options, parameters, point.u)
 
     first = jax.lax.switch(kind, (cold, controls, lambda: point))
-    start = Start(first, kind == Kind.SOLUTION)
+    start = Start(first, kind == Kind.SOLUTION, trial=hurried)
     raw = equilibrium(layout, options, parameters, start)
     found = to_solution(layout, raw, parameters)
     states = jnp.concatenate(found.states, axis=1)
@@ -164,7 +169,11 @@ def _blank(layout: Layout) -> Iterate:
 
 
 def _solve_concrete(
-    layout: Layout, options: Options, parameters: Parameters, guess: Iterate | AnyArray | None
+    layout: Layout,
+    options: Options,
+    parameters: Parameters,
+    guess: Iterate | AnyArray | None,
+    hurried: bool,
 ) -> Solution:
     kind, point = Kind.COLD, _blank(layout)
     if isinstance(guess, Iterate):
@@ -172,17 +181,24 @@ def _solve_concrete(
     elif guess is not None:
         controls: Any = np.asarray(guess, dtype=float)
         kind, point = Kind.CONTROLS, point._replace(u=controls)
-    packed = np.asarray(_solve_packed(layout, options, parameters, point, np.asarray(int(kind))))
+    how = (np.asarray(int(kind)), np.asarray(hurried))
+    packed = np.asarray(_solve_packed(layout, options, parameters, point, *how))
     if not packed[-NUMBERS]:
         check_start_is_finite(layout, parameters, guess)
     return _unpack(layout, packed)
 
 
-@partial(jax.jit, static_argnums=(0, 1))
+@partial(jax.jit, static_argnums=(0, 1, 4))
 def _solve_traced(
-    layout: Layout, options: Options, parameters: Parameters, guess: Iterate | AnyArray | None
+    layout: Layout,
+    options: Options,
+    parameters: Parameters,
+    guess: Iterate | AnyArray | None,
+    hurried: bool,
 ) -> Solution:
     start = begin(layout, options, parameters, guess)
+    if hurried:
+        start = start._replace(trial=jnp.ones((), bool))
     return to_solution(layout, equilibrium(layout, options, parameters, start), parameters)
 
 
@@ -210,6 +226,7 @@ def solve(
     *,
     guess: Solution | Sequence[Any] | None = None,
     options: Options = Options(),
+    hurried: bool = False,
     throw: bool = False,
 ) -> Solution:
     """Solve `game` for a generalised open-loop Nash equilibrium.
@@ -222,6 +239,8 @@ def solve(
         guess: a `Solution` of a similar game (warm start; where it leads nowhere, it is put
             aside), or per-player controls (T, m_i).
         options: tolerances.
+        hurried: try once, for at most `options.trial_steps` Newton steps along the path (after
+            local ones from a solution), where a solution is no good later.
         throw: raise `SolveError` when the game was not solved (concrete calls only).
 
     Returns:
@@ -238,14 +257,16 @@ def solve(
     start = check_guess(layout, guess)
     if not is_traced(parameters, start):
         with jax.enable_x64(True):
-            result = _solve_concrete(layout, options, parameters, start)
+            result = _solve_concrete(layout, options, parameters, start, hurried)
         if throw and int(result.status) != Status.SOLVED:
             raise SolveError(Status(int(result.status)), float(result.residual))
         return result
     start = jax.tree.map(jax.lax.stop_gradient, start)
     if jnp.result_type(float) == jnp.float64:  # the caller traces in double precision
-        return _solve_traced(layout, options, to_double(parameters), to_double(start))
-    return call_in_double(lambda p: _solve_traced(layout, options, *p), (parameters, start))
+        return _solve_traced(layout, options, to_double(parameters), to_double(start), hurried)
+    return call_in_double(
+        lambda p: _solve_traced(layout, options, *p, hurried), (parameters, start)
+    )
 
 
 def check_iterate(layout: Layout, point: Iterate, batch: tuple[int, ...] = ()) -> None:

@@ -31,6 +31,7 @@ from foresight_env.inverse.laplace import (
     laplace,
     laplace_intervals,
 )
+from foresight_env.inverse.linear_step import Rates, linear_step
 from foresight_env.inverse.multi_start import MOST_STARTS, MultiStart, search
 from foresight_env.inverse.prior import Prior, prior_terms
 from foresight_env.inverse.profile import Profile, profiled
@@ -63,6 +64,8 @@ class Estimate(NamedTuple):
     """`Status.SOLVED` when some start found a fit whose game was solved."""
     iterations: Int[np.ndarray, ""]
     """Forward solves, all starts and the profile together."""
+    steps: Int[np.ndarray, ""]
+    """Newton steps of the last of them, or of the best fit's where there are several."""
     start_costs: Float[np.ndarray, "S"]
     """Objective reached from each start; infinite where solves failed or the start was spared."""
     gamma_interval: Float[np.ndarray, "N 2"]
@@ -118,6 +121,22 @@ def _finish(problem: Problem, data: Data, base: Parameters, fit: Fit) -> tuple[A
     return parameters, solution, covariance, determined, rates
 
 
+def _stepped(
+    problem: Problem,
+    data: Data,
+    base: Parameters,
+    values: Float[np.ndarray, "p"],
+    point: Iterate,
+    rates: Rates,
+    chosen: Bool[np.ndarray, "p"],
+) -> Float[np.ndarray, "p"]:
+    states = np.zeros((*rates.states.shape[:2], chosen.size))
+    states[:, :, chosen] = rates.states
+    carry = np.eye(chosen.size)
+    carry[np.ix_(chosen, chosen)] = rates.carry
+    return np.asarray(linear_step(problem, data, base, values, point, states, carry))
+
+
 def estimate(
     game: Game,
     observations: Any,
@@ -133,6 +152,7 @@ def estimate(
     starts: MultiStart = MultiStart(),
     profile: Profile | None = None,
     guess: Solution | None = None,
+    guess_rates: Rates | None = None,
     options: Options = Options(),
 ) -> Estimate:
     """Estimate what `free` names from noisy, possibly partial observations.
@@ -155,6 +175,8 @@ def estimate(
             and more where better fits are met on the way, which replace it.
         guess: solution of a similar game to start from; by default a trajectory that follows the
             observations.
+        guess_rates: how `guess` changes with the free parameters; the search then begins where a
+            step on them leads, before any game is solved.
         options: forward-solver settings.
 
     Returns:
@@ -189,6 +211,8 @@ def estimate(
         limits = coordinates.limits(free, chosen)
         check_start(coordinates, begin, *limits)
         data = Data(values, whiten, mean, root, chosen.astype(float), *limits)
+        if guess_rates is not None and isinstance(warm, Iterate):
+            begin = _stepped(problem, data, parameters, begin, warm, guess_rates, chosen)
         initial = starts.spread(begin, coordinates.is_gamma & chosen, limits)
         padded = np.pad(initial, ((0, MOST_STARTS - len(initial)), (0, 0)), mode="edge")
         point = _tracked(problem, data, parameters) if warm is None else warm
@@ -229,6 +253,7 @@ def estimate(
         rates[:, :, chosen],
         status,
         count,
+        fit.steps,
         costs[: len(initial)],
         intervals,
     )

@@ -63,6 +63,8 @@ class Fit(NamedTuple):
     """Derivatives of `point` by the parameters, each with a leading axis of p."""
     error: Scalar
     success: Bool[Array, ""]
+    steps: Int[Array, ""]
+    """Newton steps of the solve."""
 
 
 def predicted(problem: Problem, x0: AnyArray, x: Float[Array, "T n"], count: int) -> Array:
@@ -95,7 +97,8 @@ def evaluate_fit(
     jacobian = residual_jacobian(problem, data, values, parameters.x0, result.point.x, moving)
     jacobian = jacobian * data.free
     cost = jnp.where(result.success, jnp.sum(residual**2), jnp.inf)
-    return Fit(values, cost, residual, jacobian, result.point, rates, result.error, result.success)
+    end = (result.error, result.success, result.iterations)
+    return Fit(values, cost, residual, jacobian, result.point, rates, *end)
 
 
 def unevaluated(
@@ -108,8 +111,8 @@ def unevaluated(
     rates = jax.tree.map(lambda v: jnp.zeros((values.size, *v.shape), v.dtype), point)
     jacobian = jnp.zeros((residual.size, values.size), residual.dtype)
     infinite = jnp.asarray(jnp.inf)
-    no = jnp.zeros((), bool)
-    return Fit(values, infinite, residual, jacobian, point, rates, infinite, no)
+    end = (infinite, jnp.zeros((), bool), jnp.zeros((), int))
+    return Fit(values, infinite, residual, jacobian, point, rates, *end)
 
 
 def solution_jacobian(

@@ -16,7 +16,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from foresight_env.equilibrium.kkt import Parameters
 from foresight_env.equilibrium.start import Start
-from foresight_env.games.types import AnyArray, Scalar
+from foresight_env.games.types import Scalar
 from foresight_env.inverse.fit import (
     Data,
     Fit,
@@ -66,6 +66,9 @@ class GaussNewton:
 
     give_up: float | Scalar = np.inf
     """Cost of the first game above which a search from a caller's guess ends with it."""
+    hurried: bool | Bool[Array, ""] = False
+    """Whether all games get but the Newton steps of a trial (`Options.trial_steps`), the first one
+    too."""
 
     def __post_init__(self) -> None:
         if not is_traced(self) and not all(b > 0.0 for b in self.smoothing):
@@ -91,7 +94,7 @@ class GaussNewton:
         def body(state: _State) -> _State:
             fit = state.fit
             near = continued(start, extrapolated(fit, state.trial), state.solves)
-            near = near._replace(barrier=barriers[state.phase], trial=~state.renewed)
+            near = near._replace(barrier=barriers[state.phase], trial=self.hurried | ~state.renewed)
             trial = evaluate_fit(problem, data, base, state.trial, near)
             # What another game's fit cost is no measure of this one.
             final = state.phase == len(self.smoothing)
@@ -118,7 +121,9 @@ class GaussNewton:
             following = over & ~final
             damping = jnp.where(following, jnp.maximum(damping, PHASE_DAMPING), damping)
             pull = jnp.where(following & (state.phase + 1 == len(self.smoothing)), 0.0, pull)
-            step = damped_step(chosen, damping, low, high, data.free, pull, values)
+            step = damped_step(
+                chosen.values, chosen.residual, chosen.jacobian, damping, data, pull, values
+            )
             stepped = jnp.clip(chosen.values + step, low, high)
             return _State(
                 chosen,
@@ -176,22 +181,23 @@ class _State(NamedTuple):
 
 
 def damped_step(
-    fit: Fit,
+    values: Float[Array, "p"],
+    residual: Float[Array, "r"],
+    jacobian: Float[Array, "r p"],
     damping: Scalar,
-    low: Float[AnyArray, "p"],
-    high: Float[AnyArray, "p"],
-    free: Float[AnyArray, "p"],
+    data: Data,
     pull: Float[Array, "p"],
     center: Float[Array, "p"],
 ) -> Float[Array, "p"]:
-    """Damped Gauss-Newton step on cost and `pull * (values - center)^2`, limits respected.
+    """Damped Gauss-Newton step on `|residual|^2` and `pull * (values - center)^2`.
 
-    Entries pushed against their limit are frozen.
+    Limits are respected: entries pushed against theirs are frozen.
     """
-    gradient = fit.jacobian.T @ fit.residual + pull * (fit.values - center)
-    stuck = ((fit.values <= low) & (gradient > 0)) | ((fit.values >= high) & (gradient < 0))
-    free = jnp.where(stuck, 0.0, free)
-    jacobian = fit.jacobian * free
+    low, high = data.low, data.high
+    gradient = jacobian.T @ residual + pull * (values - center)
+    stuck = ((values <= low) & (gradient > 0)) | ((values >= high) & (gradient < 0))
+    free = jnp.where(stuck, 0.0, data.free)
+    jacobian = jacobian * free
     normal = jacobian.T @ jacobian + jnp.diag(free * pull)
     scale = jnp.diag(normal)
     # A floor keeps directions that the data say nothing about from running away.

@@ -17,18 +17,17 @@ from jaxtyping import Float
 
 from foresight_env.equilibrium.interior_point import Options
 from foresight_env.equilibrium.layout import layout_of
-from foresight_env.equilibrium.solve import Solution, shift
-from foresight_env.equilibrium.status import Status
+from foresight_env.equilibrium.solve import Solution
 from foresight_env.games.game import Game, inside_bounds
 from foresight_env.games.observations import ObservationModel
 from foresight_env.games.types import Theta
 from foresight_env.inverse.coordinates import Free
-from foresight_env.inverse.estimate import Estimate, estimate
+from foresight_env.inverse.estimate import Estimate
 from foresight_env.inverse.gauss_newton import GaussNewton
 from foresight_env.inverse.initial import NeverSeenError, guess_initial_states
-from foresight_env.inverse.multi_start import MultiStart
 from foresight_env.inverse.present import corrected
 from foresight_env.inverse.prior import Prior
+from foresight_env.inverse.window_fit import WindowFit, moved_along, rates_of
 
 PLAUSIBLE = 1.5
 """`OnlineState.misfit` up to which no other equilibrium is looked for: of 30 degrees of freedom,
@@ -43,6 +42,12 @@ GIVE_UP = 4.0
 """Misfit of the first game of a fit from the last solution, as a ratio to the update before (or to
 `PLAUSIBLE`, if that is larger), above which the fit ends: the shifted solution has led to another
 equilibrium."""
+
+ONE_GAME = GaussNewton(max_iterations=0, smoothing=(), hurried=True)
+"""Of quick updates."""
+ONE_GAME_STEPS = 40
+"""Newton steps along the path that these get: of 434 left turns' updates 8 failed; with 25 steps
+36, with 10 a third."""
 
 
 def quick_options(variance: float) -> Options:
@@ -99,6 +104,8 @@ class OnlineState(NamedTuple):
     present: tuple[Float[np.ndarray, "_"], ...] | None = None
     """Every player's state now: the estimate's, the more corrected by the newest observation the
     less the fit explains what was seen (`misfit`). What a plan is to begin with."""
+    afresh: bool = False
+    """Whether the next quick update looks for another equilibrium."""
 
     @property
     def gamma_deviation(self) -> Float[np.ndarray, "N"]:
@@ -141,6 +148,11 @@ class OnlineEstimator:
     limit). It need not converge, since the next update goes on where it ended (Diehl, Bock and
     Schloder, "A real-time iteration scheme for nonlinear optimization in optimal feedback control",
     SIAM J. Control Optim. 43, 2005)."""
+    quick: bool = False
+    """Whether each update solves one game alone, for estimates that are wanted in time: where a
+    step on the last fit's derivatives leads (module `linear_step`), or, when the last fit left too
+    much unexplained, from the observations. Then `careful_updates`, `warm_steps` and `method` have
+    no say."""
     options: Options | None = None
     """Of the forward solver; None: `quick_options` of the covariance."""
     method: GaussNewton = GaussNewton(max_iterations=8, cost_tolerance=1e-3, smoothing=(3e-2,))
@@ -194,67 +206,85 @@ class OnlineEstimator:
             initial = self._initial_state(state, sliding, padded)
         except NeverSeenError:  # wait for it
             return state._replace(failures=state.failures + 1)
-        guess = state.guess
-        if guess is not None and sliding:
-            guess = shift(guess)
-        careful = state.total < self.careful_updates + 2
-        prior = self._prior(state)
-
         age = np.maximum(len(observations) - 1 - np.arange(self.window), 0)
         variance = self.covariance * self.aging ** (2.0 * age)
-        covariance = variance[:, None, None] * np.eye(self.model.size)
+        fits = WindowFit(
+            self.game,
+            self.model,
+            self.free,
+            self.options or self._default_options(),
+            padded,
+            variance[:, None, None] * np.eye(self.model.size),
+            self._prior(state),
+            initial,
+            state.theta,
+            state.gamma,
+        )
+        last = None
+        if state.estimate is not None and state.guess is not None:
+            last = moved_along(state.estimate, sliding)
+        if self.quick:
+            return self._take_quickly(state, fits, last, sliding)
+        return self._take(state, fits, self._searched(state, fits, last), sliding)
 
-        quick = replace(self.method, max_iterations=self.warm_steps)
+    def _default_options(self) -> Options:
+        options = quick_options(self.covariance)
+        return replace(options, trial_steps=ONE_GAME_STEPS) if self.quick else options
 
-        def fit(start: Solution | None, count: int, method: GaussNewton = self.method) -> Estimate:
-            return estimate(
-                self.game,
-                padded,
-                self.model,
-                initial_state=initial,
-                theta=state.theta,
-                gamma=state.gamma,
-                free=self.free,
-                covariance=covariance,
-                prior=prior,
-                method=method,
-                starts=MultiStart(count),
-                guess=start,
-                options=self.options or quick_options(self.covariance),
-            )
-
-        seen = int(np.sum(~np.isnan(np.stack(observations))))
-
-        def cost_of(found: Estimate | None) -> float:
-            if found is None or int(found.status) != Status.SOLVED:
-                return np.inf
-            return float(found.cost) if np.isfinite(found.covariance).all() else np.inf
-
-        def freedom(found: Estimate) -> int:
-            return max(seen - len(found.names), seen // 4, 1)
-
-        def misfit_of(found: Estimate) -> float:
-            return max(1.0, cost_of(found) / freedom(found))
-
+    def _searched(
+        self, state: OnlineState, fits: WindowFit, last: Estimate | None
+    ) -> Estimate | None:
+        """The better one of a fit that goes on and, where it is due, one that starts afresh."""
         # A game may have several equilibria. The last one is where the present one is expected;
         # where it explains the observations no longer, or never did well, they may speak for
         # another: both are fitted, the better fit wins. From where the last one leads far astray
         # it is not worth the time.
-        found, misfit, given_up = None, np.inf, False
-        if guess is not None and state.estimate is not None and not careful:
-            worst = GIVE_UP * max(PLAUSIBLE, state.misfit) * freedom(state.estimate)
-            found = fit(guess, 1, replace(quick, give_up=worst))
-            misfit, given_up = misfit_of(found), worst < cost_of(found) < np.inf
-        due = misfit > WORSE * state.misfit or state.total % self.window == 0
-        if found is None or (misfit > PLAUSIBLE and due):
-            other = fit(None, self.starts if guess is None else 1)
-            if given_up and not cost_of(other) < cost_of(found):
-                other = fit(guess, 1)  # there is nothing better
-            if cost_of(other) < cost_of(found):
-                found, misfit = other, misfit_of(other)
+        found, given_up = None, False
+        if last is not None and state.total >= self.careful_updates + 2:
+            worst = GIVE_UP * max(PLAUSIBLE, state.misfit) * fits.freedom(last)
+            brief = replace(self.method, max_iterations=self.warm_steps, give_up=worst)
+            found = fits.run(brief, guess=last.solution)
+            given_up = worst < fits.cost(found) < np.inf
+        if found is None or self._doubtful(state, fits.misfit(found)):
+            other = fits.run(self.method, self.starts if last is None else 1)
+            if last is not None and given_up and not fits.cost(other) < fits.cost(found):
+                other = fits.run(self.method, guess=last.solution)  # there is nothing better
+            if fits.cost(other) < fits.cost(found):
+                found = other
+        return found
+
+    def _doubtful(self, state: OnlineState, misfit: float) -> bool:
+        rises = misfit > WORSE * state.misfit
+        return misfit > PLAUSIBLE and (rises or state.total % self.window == 0)
+
+    def _take_quickly(
+        self, state: OnlineState, fits: WindowFit, last: Estimate | None, sliding: bool
+    ) -> OnlineState:
+        """One game's fit. A failure is followed by a fit afresh, two by one that takes its time."""
+        if last is not None and not state.afresh:
+            found = fits.run(ONE_GAME, guess=last.solution, rates=rates_of(last))
+            misfit = fits.misfit(found)
+            following = self._take(state, fits, found, sliding)
+            kept = None if np.isfinite(misfit) else last.solution
+            afresh = self._doubtful(state, misfit)
+            return following._replace(afresh=afresh, guess=kept or following.guess)
+        state = state._replace(afresh=False)
+        method = ONE_GAME if last is not None else replace(ONE_GAME, hurried=False)
+        found = fits.run(method, 1 if last is not None else self.starts)
+        misfit = fits.misfit(found)
+        if last is not None and state.misfit <= misfit < np.inf:
+            following = self._keep(state, sliding)
+            return following._replace(guess=last.solution, failures=state.failures)
+        return self._take(state, fits, found, sliding)
+
+    def _take(
+        self, state: OnlineState, fits: WindowFit, found: Estimate | None, sliding: bool
+    ) -> OnlineState:
+        """Go on with a fit, or with the last one where it cannot be used."""
+        misfit = fits.misfit(found)
         if found is None or not np.isfinite(misfit):
             return self._keep(state, sliding)
-        belief = self._belief(found, len(observations), state.total, misfit)
+        belief = self._belief(found, len(state.observations), state.total, misfit)
         return state._replace(
             estimate=found,
             guess=found.solution,
@@ -268,17 +298,9 @@ class OnlineEstimator:
     def _keep(self, state: OnlineState, sliding: bool) -> OnlineState:
         """The old estimate, moved along when the window has moved."""
         state = state._replace(guess=None, failures=state.failures + 1)
-        old = state.estimate
-        if old is None:
+        if state.estimate is None:
             return state
-        if sliding:
-            moved = shift(old.solution)
-            rates = old.state_jacobian
-            old = old._replace(
-                solution=moved,
-                initial_state=tuple(np.asarray(s[0]) for s in moved.states),
-                state_jacobian=np.concatenate([rates[1:], rates[-1:]]),
-            )
+        old = moved_along(state.estimate, sliding)
         belief = self._belief(old, len(state.observations), state.total, state.misfit)
         return state._replace(
             estimate=old,

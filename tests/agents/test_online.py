@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from small import HORIZON, WINDOW
 
-import foresight_env.inverse.online as online
+import foresight_env.inverse.window_fit as window_fit
 from foresight_env.envs.scene import own_first
 from foresight_env.equilibrium import Status, solve
 from foresight_env.inverse import Free, OnlineEstimator, Prior
@@ -108,12 +108,12 @@ def test_the_present_follows_an_agent_that_no_game_explains():
 def test_a_failed_fit_keeps_the_estimate(at, monkeypatch):
     made, states = run()
     before = states[at]
-    real = online.estimate
+    real = window_fit.estimate
 
     def failed(*args, **kwargs):
         return real(*args, **kwargs)._replace(status=np.asarray(int(Status.ITERATION_LIMIT)))
 
-    monkeypatch.setattr(online, "estimate", failed)
+    monkeypatch.setattr(window_fit, "estimate", failed)
     after = made.update(before, seen()[at])
     assert after.failures == 1
     np.testing.assert_array_equal(after.gamma, before.gamma)
@@ -135,7 +135,7 @@ def test_a_failed_fit_keeps_the_estimate(at, monkeypatch):
     assert abs(again.gamma[1] - GAMMA[1]) < 0.15
     # A covariance that is not a number is no use either.
     monkeypatch.setattr(
-        online,
+        window_fit,
         "estimate",
         lambda *args, **kwargs: (found := real(*args, **kwargs))._replace(
             covariance=np.full_like(found.covariance, np.nan)
@@ -229,13 +229,13 @@ def test_the_arrival_cost_is_the_forecast_of_the_fit_before_the_window(monkeypat
     """It is about the window's first stage, from observations before it: none counts twice."""
     made, states = run()
     priors = []
-    fitted = online.estimate
+    fitted = window_fit.estimate
 
     def spy(*arguments, **named):
         priors.append(named["prior"])
         return fitted(*arguments, **named)
 
-    monkeypatch.setattr(online, "estimate", spy)
+    monkeypatch.setattr(window_fit, "estimate", spy)
     last = states[-2]
     made.update(last, seen()[LENGTH - 1])
     start = LENGTH - WINDOW  # the window's first observation, counted from 0
@@ -251,9 +251,9 @@ def test_after_a_failure_the_arrival_cost_still_is_about_the_right_stage(monkeyp
     made, states = run()
     state = states[WINDOW + 1]
     failed = made.update(state, np.full(MODEL.size, np.nan))
-    fitted = online.estimate
+    fitted = window_fit.estimate
     monkeypatch.setattr(
-        online, "estimate",
+        window_fit, "estimate",
         lambda *a, **k: fitted(*a, **k)._replace(status=np.asarray(int(Status.DIVERGED))),
     )  # fmt: skip
     for k in range(3):
@@ -303,7 +303,7 @@ def test_a_fit_that_was_given_up_is_redone_where_nothing_is_better(monkeypatch):
     """The shifted solution leads astray, and starting afresh finds nothing."""
     made, states = run()
     at = WINDOW + 1
-    fitted, asked = online.estimate, []
+    fitted, asked = window_fit.estimate, []
 
     def astray(*arguments, **named):
         given = named["method"].give_up
@@ -313,7 +313,7 @@ def test_a_fit_that_was_given_up_is_redone_where_nothing_is_better(monkeypatch):
             return found._replace(status=np.asarray(int(Status.ITERATION_LIMIT)))
         return found._replace(cost=np.asarray(10.0 * given)) if np.isfinite(given) else found
 
-    monkeypatch.setattr(online, "estimate", astray)
+    monkeypatch.setattr(window_fit, "estimate", astray)
     after = made.update(states[at], seen()[at])
     assert [guessed for guessed, _ in asked] == [True, False, True]
     assert np.isfinite([limit for _, limit in asked]).tolist() == [True, False, False]

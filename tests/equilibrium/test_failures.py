@@ -310,18 +310,52 @@ def test_after_a_solution_that_leads_nowhere_attempts_begin_without_it():
             assert [float(v) for v in next(rules)] == [float(v) for v in next(rules)]
 
 
-def test_a_solution_that_leads_nowhere_does_not_cost_a_game_that_can_be_solved():
-    """At the last step of this crossing the path from the last plan reaches no equilibrium, nor do
-    nudges of it; from elsewhere there is one."""
+def stubborn_crossing():
+    """Whose path from the last plan reaches no equilibrium, nor do nudges of it; elsewhere there is
+    one. Game, its arguments, and the plan."""
     game, setting = crosswalk_game(2, 25), nominal_setting(2)
     places = np.array([[1.86737916, 1.84715993], [-0.01921973, 2.02985794]])
     states, guess = list(np.pad(places, ((0, 0), (0, 2)))), None
-    for step in range(4):
+    for _ in range(3):
         found = solve(game, states, setting.theta, [0.95, 0.9], guess=guess)
         assert found.status == Status.SOLVED
-        if step < 3:
-            guess, states = shift(found), [s[1] for s in found.states]
+        guess, states = shift(found), [s[1] for s in found.states]
+    return game, (states, setting.theta, np.array([0.95, 0.9])), guess
+
+
+def test_a_solution_that_leads_nowhere_does_not_cost_a_game_that_can_be_solved():
+    game, arguments, guess = stubborn_crossing()
+    found = solve(game, *arguments, guess=guess)
+    assert found.status == Status.SOLVED
     assert found.iterations > Options().resumed_steps
+
+
+def test_a_hurried_solve_gives_up_soon_and_says_so():
+    game, arguments, guess = stubborn_crossing()
+    brief = Options(trial_steps=8)
+    most = brief.local_steps + brief.trial_steps
+    found = solve(game, *arguments, guess=guess, options=brief, hurried=True)
+    assert found.status == Status.ITERATION_LIMIT
+    assert brief.trial_steps <= found.iterations <= most
+    traced = jax.jit(lambda *a: solve(game, *a, guess=guess, options=brief, hurried=True))
+    again = traced(*arguments)
+    assert again.status == Status.ITERATION_LIMIT
+    assert again.iterations == found.iterations
+    cold = solve(game, *arguments, options=brief, hurried=True)
+    assert cold.status == Status.ITERATION_LIMIT
+    assert cold.iterations == brief.trial_steps
+    with pytest.raises(SolveError):
+        solve(game, *arguments, guess=guess, options=brief, hurried=True, throw=True)
+
+
+def test_a_hurried_solve_that_is_quick_is_the_same():
+    setting = nominal_setting(2)
+    game, arguments = crosswalk_game(2, 25), (setting.initial_states, setting.theta, [0.9, 0.9])
+    guess = solve(game, *arguments[:2], [0.95, 0.9])
+    found = solve(game, *arguments, guess=guess)
+    hurried = solve(game, *arguments, guess=guess, hurried=True)
+    assert found.status == hurried.status == Status.SOLVED
+    np.testing.assert_array_equal(np.concatenate(found.states), np.concatenate(hurried.states))
 
 
 def test_a_guess_with_other_constraints_is_refused():

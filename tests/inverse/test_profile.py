@@ -102,7 +102,7 @@ def test_the_published_method_has_profiles_too(noisy):
 
 def known(value, cost, solved=True):
     """A fit of one parameter, as far as a walk reads one."""
-    return Fit(np.array([value]), np.asarray(cost), *[None] * 5, np.asarray(solved))
+    return Fit(np.array([value]), np.asarray(cost), *[None] * 5, np.asarray(solved), np.asarray(0))
 
 
 def walk(cost, limit=1.0, *, at=0.5, points=8, follow=True, solved=lambda g: True):

@@ -1,0 +1,51 @@
+"""The step that an earlier fit's derivatives suggest once there are new observations.
+
+As in an extended Kalman filter, but on the whole window: observations and prior are linear in the
+change of the parameters, so the step costs no game.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from foresight_env.equilibrium.kkt import Iterate, Parameters
+from foresight_env.games.types import AnyArray
+from foresight_env.inverse.fit import Data, Problem, residual_jacobian, residuals
+from foresight_env.inverse.gauss_newton import DAMPING, damped_step
+
+
+class Rates(NamedTuple):
+    """How an earlier fit, moved to the window of now, changes with that fit's free parameters."""
+
+    states: Float[AnyArray, "stages n f"]
+    """Its joint trajectory."""
+    carry: Float[AnyArray, "f f"]
+    """The free parameters: initial states are those of the window of now."""
+
+
+@partial(jax.jit, static_argnums=0)
+def linear_step(
+    problem: Problem,
+    data: Data,
+    base: Parameters,
+    values: Float[Array, "p"],
+    point: Iterate,
+    states: Float[Array, "stages n p"],
+    carry: Float[Array, "p p"],
+) -> Float[Array, "p"]:
+    """`values` after one damped Gauss-Newton step; `point` is the earlier fit's solution."""
+    moves = jnp.moveaxis(states, 2, 0)
+    residual = residuals(problem, data, values, base.x0, point.x)
+    # The chain rule is linear: in directions of the earlier fit's parameters, that is `carry`.
+    plain = residual_jacobian(problem, data, values, base.x0, point.x, (moves[:, 0], moves[:, 1:]))
+    seen = residual.size - data.prior_root.shape[0]
+    jacobian = jnp.concatenate([plain[:seen], data.prior_root @ carry])
+    step = damped_step(
+        values, residual, jacobian, jnp.asarray(DAMPING), data, jnp.zeros_like(values), values
+    )
+    return jnp.clip(values + carry @ step, data.low, data.high)

@@ -1,0 +1,142 @@
+"""Updates of one game each: the step on the last fit's derivatives, and what follows failures."""
+
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from test_online import GAMMA, LENGTH, STD, WINDOW, estimator, run, seen, start
+
+import foresight_env.inverse.window_fit as window_fit
+from agents import make_ego
+from foresight_env.envs import crosswalk_v0
+from foresight_env.equilibrium import Status, solve
+from foresight_env.inverse.window_fit import moved_along, rates_of
+
+
+@lru_cache
+def quick_run():
+    made = estimator(quick=True)
+    states = [start(made)]
+    for row in seen():
+        states.append(made.update(states[-1], row))
+    return made, states
+
+
+def test_each_update_solves_one_game_and_finds_what_patient_ones_find():
+    _, states = quick_run()
+    _, patient = run()
+    assert [int(s.estimate.iterations) for s in states[2:]] == [2] + [1] * (LENGTH - 2)
+    last = states[-1]
+    assert last.failures == 0
+    assert abs(last.gamma[1] - GAMMA[1]) < 0.05
+    assert abs(last.gamma[1] - patient[-1].gamma[1]) < last.gamma_deviation[1]
+
+
+@pytest.mark.parametrize("at", [WINDOW - 2, WINDOW + 2], ids=["filling", "sliding"])
+def test_the_rates_are_those_of_the_moved_fit(at):
+    """Against solving its game again with changed parameters."""
+    made, states = quick_run()
+    found, sliding = states[at].estimate, at >= WINDOW
+    moved = moved_along(found, sliding)
+    rates, ahead = rates_of(moved), int(sliding)
+    options, small = made._default_options(), 1e-5
+    base = np.concatenate(found.solution.states, axis=1)
+    for k, name in enumerate(found.names):
+        x0 = [s.copy() for s in found.initial_state]
+        theta, gamma = [dict(t) for t in found.theta], found.gamma.copy()
+        entry, player = name.split(" of ")
+        if entry == "gamma":
+            gamma[int(player)] -= small
+            change = -small
+        else:
+            place = int(entry.split("[")[1][:-1])
+            vector = x0[int(player)] if entry.startswith("x0") else theta[int(player)]["goal"]
+            vector = vector.copy()
+            vector[place] += small
+            change = small
+            if entry.startswith("x0"):
+                x0[int(player)] = vector
+            else:
+                theta[int(player)]["goal"] = vector
+        again = solve(made.game, x0, theta, gamma, guess=found.solution, options=options)
+        slope = (np.concatenate(again.states, axis=1) - base)[ahead:] / change
+        np.testing.assert_allclose(
+            rates.states[: len(slope) - 1, :, k], slope[:-1], atol=2e-3, err_msg=name
+        )
+        is_state = np.array([n.startswith("x0[") for n in found.names])
+        np.testing.assert_allclose(rates.carry[is_state, k], slope[0], atol=2e-3, err_msg=name)
+        np.testing.assert_array_equal(
+            rates.carry[~is_state, k], np.eye(len(is_state))[~is_state, k]
+        )
+
+
+def test_the_step_explains_the_new_observation_better():
+    """Beside the same fit moved along without it."""
+    made, states = quick_run()
+    before, row = states[WINDOW], seen()[WINDOW].copy()
+    row[4:6] += 5.0 * STD
+    fits = []
+    fitted = window_fit.estimate
+
+    def spy(*arguments, **named):
+        fits.append((arguments, named))
+        return fitted(*arguments, **named)
+
+    patch = pytest.MonkeyPatch()
+    with patch.context() as m:
+        m.setattr(window_fit, "estimate", spy)
+        stepped = made.update(before, row)
+    (arguments, named), *others = fits
+    assert not others
+    plain = fitted(*arguments, **{**named, "guess_rates": None})
+    assert stepped.estimate.cost < 0.7 * plain.cost
+    assert (
+        stepped.estimate.cost > fitted(*arguments, **{**named, "method": made.method}).cost * 0.99
+    )
+
+
+def test_a_fit_that_fails_is_followed_by_one_afresh_and_then_by_a_patient_one(monkeypatch):
+    made, states = quick_run()
+    state = states[8]
+    calls = []
+    real = window_fit.estimate
+
+    def failed(*args, **kwargs):
+        calls.append((kwargs["guess"] is None, kwargs["method"].hurried, kwargs["starts"].count))
+        return real(*args, **kwargs)._replace(status=np.asarray(int(Status.ITERATION_LIMIT)))
+
+    monkeypatch.setattr(window_fit, "estimate", failed)
+    for row in seen()[8:12]:
+        state = made.update(state, row)
+    assert calls == [(False, True, 1), (True, True, 1), (True, False, 2), (True, False, 2)]
+    assert state.failures == 4
+    np.testing.assert_array_equal(state.gamma, states[8].gamma)
+    monkeypatch.undo()
+    for row in seen()[12:]:
+        state = made.update(state, row)
+    assert state.failures == 4
+    assert abs(state.gamma[1] - GAMMA[1]) < 0.15
+
+
+def test_what_no_game_explains_is_looked_for_afresh_once():
+    """Player 1 is elsewhere: not a failure, and one game per update all the same."""
+    made, states = quick_run()
+    state, row = states[8], seen()[8].copy()
+    row[4:6] += 0.5
+    state = made.update(state, row)
+    assert state.afresh
+    assert state.misfit > 10.0
+    after = made.update(state, seen()[9])
+    assert not after.afresh
+    assert after.failures == 0
+    assert after.guess is not None
+
+
+@pytest.mark.parametrize(("players", "quick"), [(2, False), (3, True)])
+def test_egos_hurry_where_games_take_long(players, quick):
+    env = crosswalk_v0.parallel_env(players)
+    env.reset(seed=0)
+    ego = make_ego("foresight")
+    assert ego.init(env.scene, 0).estimator.quick == quick
+    assert replace(ego, quick=not quick).init(env.scene, 0).estimator.quick != quick
