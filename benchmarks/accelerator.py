@@ -23,7 +23,6 @@ from benchmarks.forward import LEAST_GAMMA, draw
 from benchmarks.report import Result, Row, Setting
 from benchmarks.timing import ROOT, median_seconds, processor, seconds_of
 from foresight_env.equilibrium import Status, solve_many
-from foresight_env.equilibrium.batch import LANES
 from foresight_env.scenarios.crosswalk import MONTE_CARLO, crosswalk_game
 
 HORIZONS = (10, 25)
@@ -108,8 +107,8 @@ def run(setting: Setting) -> list[Result]:
         return [Result(title, note, []).show(setting.console)]
     rows = []
     for horizon in HORIZONS[-1:] if setting.quick else HORIZONS:
-        beside = measured(horizon, LANES, PROCESSOR_GAMES, "cpu")
-        rows.append(row(horizon, LANES, PROCESSOR_GAMES, beside, beside))
+        beside = measured(horizon, 1, PROCESSOR_GAMES, "cpu")
+        rows.append(row(horizon, 1, PROCESSOR_GAMES, beside, beside))
         for width in WIDTHS[:1] if setting.quick else WIDTHS:
             batch = measured(horizon, width, 2 * width, None)
             rows.append(row(horizon, width, 2 * width, batch, beside))

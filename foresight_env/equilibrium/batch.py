@@ -1,195 +1,33 @@
-"""Many games at once: lanes of Newton steps that never wait for a slow neighbour.
-
-Under `vmap` every game runs until the slowest one is done. Here a fixed number of lanes steps
-together, and a lane whose game has ended takes the next one that waits.
-"""
+"""Many games at once: shared out among threads, which solve theirs in turn or in lanes."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Float
 
-from foresight_env.equilibrium.attempts import attempt_count, attempt_rules
-from foresight_env.equilibrium.convexity import next_convexity, used_convexity
-from foresight_env.equilibrium.implicit import Equilibrium
-from foresight_env.equilibrium.interior_point import (
-    Options,
-    accuracy_of,
-    astray,
-    converged,
-    hopeless,
-    is_finite,
-    newton_step,
-)
+from foresight_env.equilibrium.in_turn import solve_in_turn
+from foresight_env.equilibrium.interior_point import Options
 from foresight_env.equilibrium.kkt import Iterate, Parameters
+from foresight_env.equilibrium.lanes import solve_lanes
 from foresight_env.equilibrium.layout import Layout, layout_of
-from foresight_env.equilibrium.pairs import pairs_of
-from foresight_env.equilibrium.residual import evaluate, violation
-from foresight_env.equilibrium.solve import Solution, check_iterate, to_solution
-from foresight_env.equilibrium.start import Start, begin, begin_attempt
+from foresight_env.equilibrium.newton_system import stage_unknowns
+from foresight_env.equilibrium.riccati import leaves_to_library
+from foresight_env.equilibrium.solve import Solution, check_iterate
 from foresight_env.equilibrium.validation import check_parameters
 from foresight_env.games.game import Game
-from foresight_env.games.types import AnyArray
 from foresight_env.precision import to_double, to_numpy
 
-LANES = 16
-"""Games that step together. More of them fill a processor's vector units no better and its caches
-worse, and leave more lanes idle at the end (`make bench`); a GPU wants thousands."""
-
-
-class _Lane(NamedTuple):
-    """One lane's work; `number` is the game's place in the batch."""
-
-    number: Int[Array, ""]
-    attempt: Int[Array, ""]
-    iteration: Int[Array, ""]
-    spent: Int[Array, ""]
-    error: Float[Array, ""]
-    """That of the point before; infinite at an attempt's start."""
-    begun: Float[Array, ""]
-    """That of the attempt's first point, once it is known."""
-    convexity: Float[Array, ""]
-    taken: Float[Array, ""]
-    """The part of the last step; none at an attempt's start."""
-    point: Iterate
-    safe: Iterate
-    """The last point at which everything was finite."""
-    broken: Bool[Array, ""]
-    """A step overflowed: `point` is the safe one again, and the attempt ends."""
-
-
-def _fresh(number: Array, attempt: Array, spent: Array, point: Iterate) -> _Lane:
-    zero, nothing = jnp.zeros((), int), jnp.zeros(())
-    large, never = jnp.asarray(jnp.inf), jnp.zeros((), bool)
-    return _Lane(
-        number, attempt, zero, spent, large, large, jnp.ones(()), nothing, point, point, never
-    )
-
-
-def _advance(
-    layout: Layout, options: Options, mine: Parameters, lane: _Lane, *, cold: bool
-) -> tuple[_Lane, Equilibrium, Bool[Array, ""], Bool[Array, ""]]:
-    """One step of one lane; its result so far, whether it is solved, whether it is stuck."""
-    pairs, accuracy = pairs_of(layout), accuracy_of(options, None)
-    local = None if cold else lane.attempt == 0
-    near = None if cold else jnp.ones((), bool)
-    exact_below, limit = attempt_rules(layout, options, lane.attempt, near)
-    if local is not None:
-        exact_below = jnp.where(local, jnp.inf, exact_below)
-        limit = jnp.where(local, options.local_steps, limit)
-    used = used_convexity(lane.convexity, lane.error, exact_below)
-    ev = evaluate(layout, pairs, lane.point, mine, used, accuracy.barrier)
-    convexity = next_convexity(layout, lane.convexity, lane.error, ev.error, lane.taken)
-    finite = is_finite(lane.point, ev)
-    solved = converged(ev, accuracy) & finite & ~lane.broken
-    begun = jnp.where(lane.iteration == 0, ev.error, lane.begun)
-    done = hopeless(layout, lane.point, ev) | (lane.iteration >= limit)
-    done |= astray(local, lane.iteration, ev.error, begun)
-    # A lane that broke ends its attempt even where its start was not finite either.
-    stuck = lane.broken | (finite & ~solved & done)
-    result = Equilibrium(
-        lane.point,
-        ev.q,
-        jnp.where(lane.broken, jnp.inf, ev.error),
-        ev.complementarity,
-        violation(ev),
-        lane.spent,
-        solved,
-    )
-    used = used_convexity(convexity, ev.error, exact_below)
-    stepped, taken = newton_step(layout, pairs, lane.point, ev, accuracy.barrier, local, used)
-    lane = lane._replace(
-        iteration=lane.iteration + 1,
-        spent=lane.spent + finite,
-        error=ev.error,
-        begun=begun,
-        convexity=convexity,
-        taken=taken,
-        point=_choose(finite, stepped, lane.safe),
-        safe=_choose(finite, lane.point, lane.safe),
-        broken=~finite,
-    )
-    return lane, result, solved, stuck
-
-
-def _choose(condition: Array, yes: Any, no: Any) -> Any:
-    """Entry by entry of the leading axes that `condition` has."""
-
-    def choose(a: Array, b: Array) -> Array:
-        return jnp.where(
-            condition.reshape(condition.shape + (1,) * (a.ndim - condition.ndim)), a, b
-        )
-
-    return jax.tree.map(choose, yes, no)
-
-
-@partial(jax.jit, static_argnums=(0, 1, 2))
-def _solve_lanes(
-    layout: Layout,
-    options: Options,
-    width: int,
-    parameters: Parameters,
-    guess: Iterate | None,
-    active: Int[AnyArray, ""],
-) -> Solution:
-    count = parameters.gamma.shape[0]
-    starts: Start = jax.vmap(lambda p, s: begin(layout, options, p, s))(parameters, guess)
-    first = 1 if starts.near is None else 0
-    attempts = attempt_count(options, None if starts.near is None else starts.near[0])
-
-    def of(tree: Any, number: Array) -> Any:
-        """Entries of these games; lanes without one get the last game's."""
-        return jax.tree.map(lambda v: v[jnp.minimum(number, count - 1)], tree)
-
-    def attempt(lanes: _Lane) -> Iterate:
-        again = jax.vmap(partial(begin_attempt, layout, options))
-        return again(of(parameters, lanes.number), of(starts, lanes.number), lanes.attempt)
-
-    def renewed(lanes: _Lane) -> _Lane:
-        """The lanes at the start of their game's attempt."""
-        return jax.vmap(_fresh)(lanes.number, lanes.attempt, lanes.spent, attempt(lanes))
-
-    numbers, zeros = jnp.arange(width), jnp.zeros(width, int)
-    begun = of(starts.point, numbers)
-    lanes = renewed(jax.vmap(_fresh)(numbers, zeros + first, zeros, begun))
-    advance = jax.vmap(partial(_advance, layout, options, cold=starts.near is None))
-    shapes = jax.eval_shape(advance, of(parameters, numbers), lanes)[1]
-    found = jax.tree.map(lambda v: jnp.zeros((count, *v.shape[1:]), v.dtype), shapes)
-
-    def body(state: tuple[_Lane, Equilibrium, Array]) -> tuple[_Lane, Equilibrium, Array]:
-        lanes, found, waiting = state
-        lanes, result, solved, stuck = advance(of(parameters, lanes.number), lanes)
-        ended = solved | (stuck & (lanes.attempt >= attempts))
-        ended &= lanes.number < active
-        # Lanes still at work write beyond the end, which is dropped.
-        place = jnp.where(ended, lanes.number, count)
-        found = jax.tree.map(lambda all_, v: all_.at[place].set(v, mode="drop"), found, result)
-        following = jnp.minimum(waiting + jnp.cumsum(ended) - 1, count)
-        turned = lanes._replace(
-            number=jnp.where(ended, following, lanes.number),
-            attempt=jnp.where(ended, first, lanes.attempt + 1),
-            spent=jnp.where(ended, 0, result.iterations),
-        )
-        turning = ended | stuck
-        lanes = jax.lax.cond(
-            jnp.any(turning), lambda: _choose(turning, renewed(turned), lanes), lambda: lanes
-        )
-        return lanes, found, waiting + jnp.sum(ended)
-
-    def busy(state: tuple[_Lane, Equilibrium, Array]) -> Bool[Array, ""]:
-        return jnp.any(state[0].number < active)
-
-    state = (lanes, found, jnp.asarray(min(width, count)))
-    _, found, _ = jax.lax.while_loop(busy, body, state)
-    return jax.vmap(partial(to_solution, layout))(found, parameters)
+ACCELERATOR_LANES = 4096
+"""Games that step together on an accelerator, where the caller does not say."""
+LIBRARY_LANES = 16
+"""The same where LAPACK eliminates the stages of single games: its batched calls from two threads
+at once make jaxlib (0.10) wait for ever, and lanes do without it."""
 
 
 def solve_many(
@@ -200,7 +38,7 @@ def solve_many(
     *,
     guess: Solution | None = None,
     options: Options = Options(),
-    lanes: int = LANES,
+    lanes: int | None = None,
     threads: int | None = None,
 ) -> Solution:
     """Solve the same game for many initial states, parameters and discount factors.
@@ -212,8 +50,10 @@ def solve_many(
         gamma: (B, N), or (N,) or a number for all games.
         guess: a `Solution` with a leading axis of B, to start from.
         options: tolerances.
-        lanes: games that step together.
-        threads: threads that each take a share of the games; default one per core.
+        lanes: games that step together; default one on a processor, where each takes its turn
+            (some where stages are large), and thousands on an accelerator.
+        threads: threads that each take a share of the games; default one per core, or a single
+            one for an accelerator.
 
     Returns:
         A `Solution` whose arrays have a leading axis of B, each game with its own `status`.
@@ -246,7 +86,7 @@ def solve_checked(
     starts: Iterate | None,
     *,
     options: Options = Options(),
-    lanes: int = LANES,
+    lanes: int | None = None,
     threads: int | None = None,
     active: int | None = None,
 ) -> Solution:
@@ -266,10 +106,13 @@ def solve_checked(
     def share(worker: int) -> Solution:
         mine = jax.tree.map(lambda v: v[worker::workers], (parameters, starts))
         with jax.enable_x64(True):
-            found: Solution = to_numpy(
-                _solve_lanes(layout, options, min(lanes, len(mine[0].gamma)), *mine, asked[worker])
-            )
-        return found
+            width = min(lanes or default_lanes(layout), len(mine[0].gamma))
+            if width == 1:
+                found = solve_in_turn(layout, options, *mine, asked[worker])
+            else:
+                found = solve_lanes(layout, options, width, *mine, asked[worker])
+            numbers: Solution = to_numpy(found)
+        return numbers
 
     with ThreadPoolExecutor(workers) as pool:
         parts = list(pool.map(share, range(workers)))
@@ -282,6 +125,14 @@ def solve_checked(
 
     woven_: Solution = jax.tree.map(woven, *parts)
     return woven_
+
+
+def default_lanes(layout: Layout) -> int:
+    """Games that step together, depending on what JAX computes on."""
+    if jax.default_backend() != "cpu":
+        return ACCELERATOR_LANES
+    unknowns = stage_unknowns(layout)
+    return LIBRARY_LANES if leaves_to_library(layout.n, unknowns, layout.equal_sizes) else 1
 
 
 def _checked(game: Game, states: np.ndarray, theta: Any, gammas: np.ndarray) -> Parameters:
@@ -316,6 +167,8 @@ def _checked(game: Game, states: np.ndarray, theta: Any, gammas: np.ndarray) -> 
 
 
 def _cores() -> int:
+    if jax.default_backend() != "cpu":
+        return 1
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 

@@ -84,6 +84,11 @@ def has_condensed_rows(layout: Layout) -> bool:
     return own and len(layout.rows) > CONDENSED_ROWS
 
 
+def stage_unknowns(layout: Layout) -> int:
+    """States, controls and the row multipliers that are not eliminated."""
+    return layout.n + layout.m + (0 if has_condensed_rows(layout) else len(layout.rows))
+
+
 def stage_system(
     layout: Layout,
     point: Iterate,

@@ -31,6 +31,11 @@ class MatrixRecursion(NamedTuple):
     back: Float[Array, "T n m"]
 
 
+def leaves_to_library(n: int, w: int, sizes: EqualSizes | None) -> bool:
+    """Whether stages of n states and w unknowns are eliminated by LAPACK."""
+    return w > SMALL_STAGE and (sizes is None or w - n > LARGE_PIVOT)
+
+
 @lru_cache(maxsize=256)
 def matrix_recursion(sizes: EqualSizes | None) -> Any:
     """The recursion as a function of the stages' matrices, to a `MatrixRecursion`.
@@ -46,9 +51,8 @@ def matrix_recursion(sizes: EqualSizes | None) -> Any:
     ) -> MatrixRecursion:
         """One game: where matrices are small, products are fused with the arithmetic around."""
         n, w = transition.shape[1:]
-        small = w <= SMALL_STAGE
-        own = small or (sizes is not None and w - n <= LARGE_PIVOT)
-        blocks = None if small else sizes
+        blocks = None if w <= SMALL_STAGE else sizes
+        own = not leaves_to_library(n, w, sizes)
         return _riccati(hxx, x_rows, direct, transition, rho, blocks, own)
 
     @recursion.def_vmap

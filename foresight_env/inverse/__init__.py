@@ -6,6 +6,7 @@ from foresight_env.inverse.estimate import Estimate, estimate
 from foresight_env.inverse.gauss_newton import GaussNewton
 from foresight_env.inverse.gradient_descent import GradientDescent
 from foresight_env.inverse.initial import NeverSeenError, guess_initial_states
+from foresight_env.inverse.linear_step import Rates
 from foresight_env.inverse.multi_start import MultiStart
 from foresight_env.inverse.online import Drift, OnlineEstimator, OnlineState
 from foresight_env.inverse.prior import Prior
@@ -24,6 +25,7 @@ __all__ = [
     "OnlineState",
     "Prior",
     "Profile",
+    "Rates",
     "cramer_rao",
     "estimate",
     "guess_initial_states",

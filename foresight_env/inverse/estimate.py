@@ -36,7 +36,12 @@ from foresight_env.inverse.multi_start import MOST_STARTS, MultiStart, search
 from foresight_env.inverse.prior import Prior, prior_terms
 from foresight_env.inverse.profile import Profile, profiled
 from foresight_env.inverse.tracking import track
-from foresight_env.inverse.validation import check_kinds, check_observations, check_start
+from foresight_env.inverse.validation import (
+    check_kinds,
+    check_observations,
+    check_rates,
+    check_start,
+)
 from foresight_env.precision import to_numpy
 
 
@@ -204,6 +209,7 @@ def estimate(
     warm = check_guess(layout, guess)
     if not (warm is None or isinstance(warm, Iterate)):
         raise ValueError(f"guess: is a {type(guess).__name__}; expected a Solution")
+    check_rates(layout, guess_rates, warm is not None, int(chosen.sum()))
     with jax.enable_x64(True):
         problem = Problem(layout, coordinates, model, options)
         begin = np.asarray(coordinates.pack(parameters))

@@ -10,6 +10,7 @@ from jaxtyping import Float
 from foresight_env.equilibrium.layout import Layout
 from foresight_env.games.observations import ObservationModel
 from foresight_env.inverse.coordinates import Coordinates
+from foresight_env.inverse.linear_step import Rates
 
 
 def check_kinds(**arguments: tuple[Any, ...]) -> None:
@@ -68,6 +69,21 @@ def check_observations(
             "positive number"
         ) from error
     return np.where(seen, values, 0.0), np.where(both, np.linalg.inv(roots), 0.0)
+
+
+def check_rates(layout: Layout, rates: Rates | None, guessed: bool, count: int) -> None:
+    """Raise `ValueError` where rates are another game's, or of no guess; `count`: free ones."""
+    if rates is None:
+        return
+    if not guessed:
+        raise ValueError("guess_rates: says how `guess` changes; expected with a guess only")
+    shapes = (np.shape(rates.states), np.shape(rates.carry))
+    wanted = ((layout.game.horizon + 1, layout.n, count), (count, count))
+    if shapes != wanted:
+        raise ValueError(
+            f"guess_rates: has states {shapes[0]} and carry {shapes[1]}; expected {wanted[0]} and "
+            f"{wanted[1]}"
+        )
 
 
 def check_start(

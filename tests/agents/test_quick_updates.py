@@ -11,6 +11,7 @@ import foresight_env.inverse.window_fit as window_fit
 from agents import make_ego
 from foresight_env.envs import crosswalk_v0
 from foresight_env.equilibrium import Status, solve
+from foresight_env.inverse import Rates, estimate
 from foresight_env.inverse.window_fit import moved_along, rates_of
 
 
@@ -94,6 +95,26 @@ def test_the_step_explains_the_new_observation_better():
     assert (
         stepped.estimate.cost > fitted(*arguments, **{**named, "method": made.method}).cost * 0.99
     )
+
+
+def test_rates_of_something_else_are_refused():
+    made, states = quick_run()
+    found = states[WINDOW].estimate
+    rates = rates_of(found)
+    arguments = {
+        "initial_state": found.initial_state,
+        "theta": found.theta,
+        "gamma": found.gamma,
+        "free": made.free,
+    }
+    window = seen()[:WINDOW]
+    with pytest.raises(ValueError, match=r"guess_rates: .* with a guess only"):
+        estimate(made.game, window, made.model, **arguments, guess_rates=rates)
+    short = Rates(rates.states[1:], rates.carry)
+    with pytest.raises(ValueError, match=r"guess_rates: has states \(.*expected"):
+        estimate(
+            made.game, window, made.model, **arguments, guess=found.solution, guess_rates=short
+        )
 
 
 def test_a_fit_that_fails_is_followed_by_one_afresh_and_then_by_a_patient_one(monkeypatch):

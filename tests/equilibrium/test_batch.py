@@ -18,6 +18,9 @@ from small_games import (
 )
 
 from foresight_env.equilibrium import Options, Status, shift, solve, solve_many
+from foresight_env.equilibrium.batch import LIBRARY_LANES, default_lanes
+from foresight_env.equilibrium.layout import layout_of
+from foresight_env.scenarios.crosswalk import crosswalk_game
 
 COUNT = 11
 
@@ -38,7 +41,7 @@ def same(found, k, one):
         np.testing.assert_allclose(many[k], alone, atol=1e-9)
 
 
-@pytest.mark.parametrize(("lanes", "threads"), [(4, 1), (4, 2), (32, 1)])
+@pytest.mark.parametrize(("lanes", "threads"), [(None, 1), (None, 2), (4, 1), (4, 2), (32, 1)])
 def test_every_game_is_what_solve_makes_of_it(lanes, threads):
     states, gamma = drawn()
     found = solve_many(crossing(), states, crossing_theta(), gamma, lanes=lanes, threads=threads)
@@ -102,21 +105,30 @@ def test_local_steps_that_lead_away_are_given_up_after_three():
 
 
 CROWD = """
+import sys
 import numpy as np
 from foresight_env.equilibrium import solve_many
 from foresight_env.scenarios.crosswalk import crosswalk_game, draw_crossing
 drawn = [draw_crossing(np.random.default_rng(k), 4) for k in range(24)]
 found = solve_many(
-    crosswalk_game(4, 5), np.stack([d.initial_states for d in drawn]),
+    crosswalk_game(4, 5, sys.argv[1]), np.stack([d.initial_states for d in drawn]),
     [d.theta for d in drawn], np.stack([d.gamma for d in drawn]), threads=2,
 )
 assert (found.status == 0).all()
 """
 
 
-def test_two_threads_do_not_wait_for_each_other():
+@pytest.mark.parametrize("proximity", ["soft", "hard"])
+def test_two_threads_do_not_wait_for_each_other(proximity):
     """LAPACK's batched calls would: large stages from two threads hang jaxlib 0.10."""
-    subprocess.run([sys.executable, "-c", CROWD], check=True, timeout=240)
+    subprocess.run([sys.executable, "-c", CROWD, proximity], check=True, timeout=240)
+
+
+@pytest.mark.parametrize(
+    ("players", "proximity", "lanes"), [(2, "soft", 1), (6, "soft", 1), (6, "hard", LIBRARY_LANES)]
+)
+def test_how_many_step_together_depends_on_the_stages(players, proximity, lanes):
+    assert default_lanes(layout_of(crosswalk_game(players, 5, proximity))) == lanes
 
 
 def test_players_of_unequal_sizes():

@@ -1,0 +1,45 @@
+"""Many games one after the other, in one program.
+
+A step of a single game does what this game needs (local or along the path, one right-hand side or
+two); steps of several games together do all of it for each.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Int
+
+from foresight_env.equilibrium.implicit import Equilibrium, equilibrium
+from foresight_env.equilibrium.interior_point import Options
+from foresight_env.equilibrium.kkt import Iterate, Parameters
+from foresight_env.equilibrium.layout import Layout
+from foresight_env.equilibrium.solve import Solution, to_solution
+from foresight_env.equilibrium.start import begin
+from foresight_env.games.types import AnyArray
+
+
+@partial(jax.jit, static_argnums=(0, 1))
+def solve_in_turn(
+    layout: Layout,
+    options: Options,
+    parameters: Parameters,
+    guess: Iterate | None,
+    active: Int[AnyArray, ""],
+) -> Solution:
+    """The first `active` games of a batch."""
+
+    def one(number: Array) -> Equilibrium:
+        mine, near = jax.tree.map(lambda v: v[number], (parameters, guess))
+        return equilibrium(layout, options, mine, begin(layout, options, mine, near))
+
+    def body(number: Array, found: Equilibrium) -> Equilibrium:
+        return jax.tree.map(lambda all_, v: all_.at[number].set(v), found, one(number))
+
+    shapes = jax.eval_shape(one, jnp.zeros((), int))
+    count = parameters.gamma.shape[0]
+    found = jax.tree.map(lambda v: jnp.zeros((count, *v.shape), v.dtype), shapes)
+    found = jax.lax.fori_loop(0, active, body, found)
+    return jax.vmap(partial(to_solution, layout))(found, parameters)
