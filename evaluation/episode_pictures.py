@@ -37,6 +37,11 @@ def overlay_of(step: Step, ego: str, setting: RunSetting) -> Overlay:
     )
 
 
+def _reduced(frame: Image.Image) -> Image.Image:
+    """To few colours; median cut would draw an agent of few pixels in the colour of another."""
+    return frame.quantize(128, Image.Quantize.FASTOCTREE)
+
+
 def draw_episode(ego: str, seed: int, setting: RunSetting, folder: Path) -> EpisodePictures:
     """Run one episode and write `episode.gif`, `episode.png` and `gammas.png` into `folder`."""
     folder.mkdir(parents=True, exist_ok=True)
@@ -53,7 +58,7 @@ def draw_episode(ego: str, seed: int, setting: RunSetting, folder: Path) -> Epis
     still = frames[min(round(setting.middle / dt), len(frames) - 1)]
     paths = folder / "episode.gif", folder / "episode.png"
     buffer = io.BytesIO()
-    small = [f.resize((f.width * 2 // 3, f.height * 2 // 3)).quantize(64) for f in frames]
+    small = [_reduced(f.resize((f.width * 2 // 3, f.height * 2 // 3))) for f in frames]
     small[0].save(
         buffer, "gif", save_all=True, append_images=small[1:], duration=round(1e3 * dt), loop=0
     )

@@ -2,6 +2,7 @@
 
 import os
 
+import numpy as np
 import pytest
 from PIL import Image
 from typer.testing import CliRunner
@@ -22,6 +23,7 @@ from evaluation.options import (
     Scene,
 )
 from evaluation.sample import write_sample
+from foresight_env.envs.style import COLOURS
 from foresight_env.highway.scenes import SCENES
 
 COMMANDS = (
@@ -121,6 +123,10 @@ def test_a_drive_is_drawn(tmp_path):
     assert "lane change, seed 0" in told.stdout
     with Image.open(out / "episode.gif") as film:
         assert film.n_frames > 20
+        film.seek(10)
+        pixels = np.asarray(film.convert("RGB"), dtype=int)
+    for colour in COLOURS[:2]:  # of few pixels, and still its own
+        assert (np.abs(pixels - colour).max(axis=2) < 16).sum() > 20
 
 
 def test_egos_among_cars(tmp_path):
