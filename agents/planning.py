@@ -75,9 +75,10 @@ def plan_equilibrium(
     """Everybody plays an equilibrium of the scene's game; the ego takes its part of it.
 
     Solves from the previous plan and then from every other guess (None is a cold start), up to one
-    that takes long (`QUICK_STEPS`). When that leads to several equilibria, who gives way is open,
-    and agents that assume different ones collide or wait for ever: the one is taken that asks the
-    others for the least change of what they are doing.
+    that takes long (`QUICK_STEPS`) or, `hurried`, the first that is solved. The solver takes its
+    time from the last guess alone, where no other led to a plan. When that leads to several
+    equilibria, who gives way is open, and agents that assume different ones collide or wait for
+    ever: the one is taken that asks the others for the least change of what they are doing.
     """
     game = scene.game
     bounded = inside_bounds(game, states)

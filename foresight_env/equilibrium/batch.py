@@ -103,13 +103,16 @@ def solve_checked(
         max(0, -(-((count if active is None else active) - w) // workers)) for w in range(workers)
     ]
 
+    usual = default_lanes(layout)
+    wanted = usual if lanes is None else lanes
+
     def share(worker: int) -> Solution:
         mine = jax.tree.map(lambda v: v[worker::workers], (parameters, starts))
         with jax.enable_x64(True):
-            width = min(lanes or default_lanes(layout), len(mine[0].gamma))
-            if width == 1:
+            if wanted == usual == 1:
                 found = solve_in_turn(layout, options, *mine, asked[worker])
-            else:
+            else:  # even a single lane does without LAPACK
+                width = min(wanted, len(mine[0].gamma))
                 found = solve_lanes(layout, options, width, *mine, asked[worker])
             numbers: Solution = to_numpy(found)
         return numbers
