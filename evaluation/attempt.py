@@ -7,6 +7,7 @@ import traceback
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from evaluation.compiled import forget_if_many
 from evaluation.store import Row, Trial
 
 
@@ -21,6 +22,7 @@ class Attempt:
 
     def __call__(self, trial: Trial) -> Row:
         """The trial's row, or a row that says what went wrong."""
+        forget_if_many()
         try:
             return {**self._key(trial), **self.function(**trial), "error": ""}
         except Exception as error:

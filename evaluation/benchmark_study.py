@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from itertools import islice
 from pathlib import Path
 
@@ -13,6 +12,7 @@ import numpy as np
 
 from agents import make_ego, make_predictor
 from evaluation.closed_loop import WARM_UP_STEPS, Step, episode
+from evaluation.compiled import until_forgotten
 from evaluation.options import REACTIVE_NAMES
 from evaluation.places import is_driving, setting_of
 from evaluation.prediction import judged, warm_up
@@ -80,7 +80,7 @@ def run_windows(place: str, seed: int, predictor: str, settings: str) -> Row:
     }
 
 
-@lru_cache(maxsize=64)
+@until_forgotten
 def _warm_up(place: str, others: str, ego: str) -> None:
     """Compile in this process what an episode needs, so that latencies are those of running."""
     chosen = setting_of(place, others)

@@ -9,7 +9,6 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import lru_cache
 from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -18,6 +17,7 @@ import numpy as np
 from jaxtyping import Float
 
 from agents import Decision, make_ego
+from evaluation.compiled import until_forgotten
 from evaluation.provenance import fingerprint
 from evaluation.statistics import Interval, mean_interval
 from evaluation.store import Row, Store
@@ -108,7 +108,7 @@ WARM_UP_STEPS = 13
 """Steps after which every program that an ego needs has been compiled: the window slides."""
 
 
-@lru_cache(maxsize=32)
+@until_forgotten
 def warm_up(ego: str, setting: ClosedLoop) -> None:
     """Compile in this process what an episode needs, so that latencies are those of running."""
     env = make_environment(setting)

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from functools import lru_cache
 from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
@@ -16,6 +15,7 @@ import numpy as np
 
 from agents import make_ego
 from evaluation.closed_loop import WARM_UP_STEPS, episode
+from evaluation.compiled import until_forgotten
 from evaluation.endings import COLLISION, OFF_ROAD, REACHED, TIME_OUT, ending
 from evaluation.metrics import at_fault, comfort
 from evaluation.provenance import fingerprint
@@ -44,7 +44,7 @@ class DrivingSetting:
         return RunSetting("driving", scene, self.cars, self.observation, self.noise_std, others)
 
 
-@lru_cache(maxsize=64)
+@until_forgotten
 def _warm_up(scene: str, others: str, ego: str, setting: DrivingSetting) -> None:
     """Compile in this process what an episode needs, so that latencies are those of running."""
     chosen = setting.of(scene, others)

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float
 
+from evaluation.compiled import until_forgotten
 from evaluation.metrics import trajectory_error
 from evaluation.store import Row, Store
 from evaluation.trials import run_trials
@@ -102,7 +103,7 @@ def fit(
     )
 
 
-@lru_cache(maxsize=8)
+@until_forgotten
 def warm_up(observation: str, proximity: Proximity) -> None:
     """Compile in this process what an estimate needs, so that times are those of running."""
     fit(observation, 0.0, 0, "farsighted", proximity, 1)

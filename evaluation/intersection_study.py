@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
+from evaluation.compiled import until_forgotten
 from evaluation.estimation import OBSERVATIONS, noise_levels
 from evaluation.intersection_window import Case, Choice, difference, fitted_game, load
 from evaluation.metrics import displacement
@@ -142,7 +142,7 @@ def by_agent(found: Estimate) -> Float[np.ndarray, "K N 4"]:
     return np.stack(found.solution.states, axis=1)
 
 
-@lru_cache(maxsize=8)
+@until_forgotten
 def warm_up(choice: Choice, observation: str, parameters: str) -> None:
     """Compile in this process what an estimate needs, so that times are those of running."""
     fit(load(choice), observation, 0.0, 0, "farsighted", parameters)

@@ -15,6 +15,7 @@ from jaxtyping import Float
 from agents.predictor import Forecast, History
 from agents.registry import make_predictor
 from evaluation import prediction_window
+from evaluation.compiled import until_forgotten
 from evaluation.metrics import (
     best_displacement,
     displacement,
@@ -140,7 +141,7 @@ def judged(window: PredictionWindow, forecast: Forecast) -> Row:
     return row
 
 
-@lru_cache(maxsize=256)
+@until_forgotten
 def warm_up(predictor: str, kinds: tuple[str, ...], observed: int, steps: int, dt: float) -> None:
     """Compile in this process what a prediction needs, so that latencies are those of running."""
     states = np.zeros((observed, len(kinds), 4))

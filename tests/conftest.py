@@ -1,6 +1,5 @@
 """Shared by all tests."""
 
-import gc
 import os
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,6 +13,8 @@ os.environ.setdefault(
 import jax
 import matplotlib
 import pytest
+
+from evaluation.compiled import forget_if_many
 
 # No test opens a window.
 matplotlib.use("Agg")
@@ -31,15 +32,11 @@ jax.config.update(
 )
 
 MOST_MEMORY_MAPS = 20_000
-"""Memory maps of this process above which compiled programs are forgotten. Each holds a few dozen;
-Linux grants a process 65530, and XLA ends it when there are no more."""
+"""See `evaluation.compiled`; the next file may compile much."""
 
 
 @pytest.fixture(scope="module", autouse=True)
 def forget_compiled_programs() -> Iterator[None]:
     """What a file's tests compiled is not kept for ever: see `MOST_MEMORY_MAPS`."""
     yield
-    maps = Path("/proc/self/maps")
-    if maps.exists() and maps.read_bytes().count(b"\n") > MOST_MEMORY_MAPS:
-        jax.clear_caches()
-        gc.collect()
+    forget_if_many(MOST_MEMORY_MAPS, seconds=0.0)

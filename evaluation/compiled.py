@@ -1,0 +1,47 @@
+"""What a process keeps of the programs that XLA has compiled."""
+
+from __future__ import annotations
+
+import gc
+import time
+from collections.abc import Callable
+from functools import lru_cache
+from pathlib import Path
+from typing import ParamSpec, cast
+
+P = ParamSpec("P")
+
+MOST_MEMORY_MAPS = 40_000
+"""Memory maps of a process above which its programs are forgotten. Each program holds dozens, and a
+study of many games compiles some for every game; Linux grants a process 65530, and XLA ends it when
+there are no more."""
+SECONDS = 10.0
+"""Between two counts: reading the maps takes as long as a short trial."""
+
+_warm_ups: list[Callable[[], None]] = []
+_counted = [0.0]
+
+
+def until_forgotten(function: Callable[P, None]) -> Callable[P, None]:
+    """Called once with the same arguments, and again after programs have been forgotten."""
+    cached = lru_cache(maxsize=256)(function)
+    _warm_ups.append(cached.cache_clear)
+    return cast(Callable[P, None], cached)
+
+
+def forget_if_many(most: int = MOST_MEMORY_MAPS, seconds: float = SECONDS) -> bool:
+    """Between trials: forget programs, and that they were warmed up, where there are too many."""
+    now = time.monotonic()
+    maps = Path("/proc/self/maps")
+    if now - _counted[0] < seconds or not maps.exists():
+        return False
+    _counted[0] = now
+    if maps.read_bytes().count(b"\n") <= most:
+        return False
+    import jax
+
+    jax.clear_caches()
+    for clear in _warm_ups:
+        clear()
+    gc.collect()
+    return True
