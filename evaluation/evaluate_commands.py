@@ -109,8 +109,7 @@ def evaluate_driving(
     """Egos that turn, merge, change lanes and go round among other cars; tables and figures.
 
     Interrupted studies go on where they stopped; more --episodes, --scenes or --egos are added to
-    what is there. A decision of an ego that infers takes a tenth of a second or so: ten seeds of
-    one scene take some five minutes on two cores.
+    what is there. Ten seeds of one scene take one to three minutes on two cores.
     """
     check_noise(noise_std)
     chosen = (

@@ -70,7 +70,7 @@ class Estimate(NamedTuple):
     iterations: Int[np.ndarray, ""]
     """Forward solves, all starts and the profile together."""
     steps: Int[np.ndarray, ""]
-    """Newton steps of the last of them, or of the best fit's where there are several."""
+    """Newton steps of the forward solve at the estimate."""
     start_costs: Float[np.ndarray, "S"]
     """Objective reached from each start; infinite where solves failed or the start was spared."""
     gamma_interval: Float[np.ndarray, "N 2"]

@@ -20,12 +20,13 @@ from foresight_env.inverse.gauss_newton import DAMPING, damped_step
 
 
 class Rates(NamedTuple):
-    """How an earlier fit, moved to the window of now, changes with that fit's free parameters."""
+    """Derivatives of an earlier fit, moved to the window of now, by its f free parameters."""
 
     states: Float[AnyArray, "stages n f"]
-    """Its joint trajectory."""
+    """Of its joint trajectory."""
     carry: Float[AnyArray, "f f"]
-    """The free parameters: initial states are those of the window of now."""
+    """Of the parameters of now: initial states are those of the window's first stage, all others
+    are the same."""
 
 
 @partial(jax.jit, static_argnums=0)
@@ -38,7 +39,11 @@ def linear_step(
     states: Float[Array, "stages n p"],
     carry: Float[Array, "p p"],
 ) -> Float[Array, "p"]:
-    """`values` after one damped Gauss-Newton step; `point` is the earlier fit's solution."""
+    """`values` after one damped Gauss-Newton step (Nocedal and Wright, section 10.3).
+
+    `point`: the earlier fit's solution, moved; `states`, `carry`: `Rates`, with zeros and ones for
+    parameters that are not estimated.
+    """
     moves = jnp.moveaxis(states, 2, 0)
     residual = residuals(problem, data, values, base.x0, point.x)
     # The chain rule is linear: in directions of the earlier fit's parameters, that is `carry`.
