@@ -12,7 +12,10 @@ from agents.policy import Decision
 from foresight_env.envs.motion import braking
 from foresight_env.envs.scene import Scene
 from foresight_env.equilibrium import Solution, Status, shift, solve
-from foresight_env.equilibrium.best_response import best_response_game, best_response_parameters
+from foresight_env.equilibrium.verification.best_response import (
+    best_response_game,
+    best_response_parameters,
+)
 from foresight_env.games import Game, inside_bounds
 from foresight_env.games.motion import planar_velocity
 from foresight_env.games.types import Theta

@@ -20,13 +20,17 @@ from scipy.sparse.linalg import splu
 from benchmarks.report import Result, Row, Setting
 from benchmarks.timing import Yardstick, median_seconds
 from foresight_env.equilibrium import Options
-from foresight_env.equilibrium.layout import layout_of
-from foresight_env.equilibrium.newton_system import eliminate_pairs, on_the_path, stage_system
-from foresight_env.equilibrium.pairs import pairs_of
-from foresight_env.equilibrium.residual import evaluate
-from foresight_env.equilibrium.stagewise import StageSystem, factorise, solve_stages
-from foresight_env.equilibrium.start import begin
-from foresight_env.equilibrium.validation import check_parameters
+from foresight_env.equilibrium.checks.validation import check_parameters
+from foresight_env.equilibrium.conditions.layout import layout_of
+from foresight_env.equilibrium.conditions.pairs import pairs_of
+from foresight_env.equilibrium.conditions.residual import evaluate
+from foresight_env.equilibrium.linear_algebra.stagewise import StageSystem, factorise, solve_stages
+from foresight_env.equilibrium.newton.newton_system import (
+    eliminate_pairs,
+    on_the_path,
+    stage_system,
+)
+from foresight_env.equilibrium.newton.start import begin
 from foresight_env.scenarios.crosswalk import crosswalk_game, nominal_setting
 
 SIZES = ((2, 10), (2, 25), (2, 50), (4, 10), (4, 25))

@@ -19,10 +19,10 @@ from benchmarks.forward import LEAST_GAMMA, TOLERANCE, Drawn, draw, is_solved
 from benchmarks.report import Result, Row, Setting
 from benchmarks.timing import Yardstick, median_seconds
 from foresight_env.equilibrium import solve
-from foresight_env.equilibrium.layout import layout_of
-from foresight_env.equilibrium.rollout import rollout
-from foresight_env.equilibrium.validation import check_parameters
-from foresight_env.equilibrium.verify import player_cost
+from foresight_env.equilibrium.checks.validation import check_parameters
+from foresight_env.equilibrium.conditions.layout import layout_of
+from foresight_env.equilibrium.conditions.rollout import rollout
+from foresight_env.equilibrium.verification.verify import player_cost
 from foresight_env.games import Game
 from foresight_env.scenarios.crosswalk import MONTE_CARLO, crosswalk_game
 

@@ -11,9 +11,9 @@ from jaxtyping import Bool, Float, Int
 from foresight_env.envs.functional_crosswalk import CrosswalkSetting, CrosswalkState
 from foresight_env.envs.oracle import NOTHING_SOLVED
 from foresight_env.equilibrium import Solution, Status
-from foresight_env.equilibrium.batch import solve_checked
-from foresight_env.equilibrium.kkt import Iterate, Parameters
-from foresight_env.equilibrium.layout import layout_of
+from foresight_env.equilibrium.batch.solve_many import solve_checked
+from foresight_env.equilibrium.conditions.kkt import Iterate, Parameters
+from foresight_env.equilibrium.conditions.layout import layout_of
 
 
 class VectorOracle:

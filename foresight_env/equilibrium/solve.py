@@ -17,16 +17,16 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from foresight_env.equilibrium.diagnosis import check_start_is_finite
-from foresight_env.equilibrium.implicit import Equilibrium, equilibrium
-from foresight_env.equilibrium.interior_point import Options
-from foresight_env.equilibrium.kkt import Iterate, Parameters
-from foresight_env.equilibrium.layout import Layout, layout_of
-from foresight_env.equilibrium.pairs import pairs_of
-from foresight_env.equilibrium.residual import VIOLATED, largest_multiplier
-from foresight_env.equilibrium.start import Start, begin, from_controls
+from foresight_env.equilibrium.checks.diagnosis import check_start_is_finite
+from foresight_env.equilibrium.checks.validation import BOUND_SLACK, check_parameters
+from foresight_env.equilibrium.conditions.kkt import Iterate, Parameters
+from foresight_env.equilibrium.conditions.layout import Layout, layout_of
+from foresight_env.equilibrium.conditions.pairs import pairs_of
+from foresight_env.equilibrium.conditions.residual import VIOLATED, largest_multiplier
+from foresight_env.equilibrium.newton.implicit import Equilibrium, equilibrium
+from foresight_env.equilibrium.newton.interior_point import Options
+from foresight_env.equilibrium.newton.start import Start, begin, from_controls
 from foresight_env.equilibrium.status import SolveError, Status
-from foresight_env.equilibrium.validation import BOUND_SLACK, check_parameters
 from foresight_env.games.game import Game
 from foresight_env.games.types import AnyArray, Scalar, Theta
 from foresight_env.precision import call_in_double, is_traced, to_double

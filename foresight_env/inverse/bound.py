@@ -11,13 +11,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from foresight_env.equilibrium.implicit import equilibrium
-from foresight_env.equilibrium.interior_point import Options
-from foresight_env.equilibrium.kkt import Parameters
-from foresight_env.equilibrium.layout import layout_of
-from foresight_env.equilibrium.start import begin
+from foresight_env.equilibrium.checks.validation import check_parameters
+from foresight_env.equilibrium.conditions.kkt import Parameters
+from foresight_env.equilibrium.conditions.layout import layout_of
+from foresight_env.equilibrium.newton.implicit import equilibrium
+from foresight_env.equilibrium.newton.interior_point import Options
+from foresight_env.equilibrium.newton.start import begin
 from foresight_env.equilibrium.status import SolveError, Status
-from foresight_env.equilibrium.validation import check_parameters
 from foresight_env.games.game import Game
 from foresight_env.games.observations import ObservationModel
 from foresight_env.games.types import Theta

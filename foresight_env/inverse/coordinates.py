@@ -10,8 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from foresight_env.equilibrium.kkt import Parameters
-from foresight_env.equilibrium.layout import Layout
+from foresight_env.equilibrium.conditions.kkt import Parameters
+from foresight_env.equilibrium.conditions.layout import Layout
 from foresight_env.games.types import AnyArray
 from foresight_env.precision import is_traced
 

@@ -14,11 +14,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from foresight_env.equilibrium.implicit import Equilibrium, equilibrium, solution_tangent
-from foresight_env.equilibrium.interior_point import Options
-from foresight_env.equilibrium.kkt import Iterate, Parameters
-from foresight_env.equilibrium.layout import Layout
-from foresight_env.equilibrium.start import Start
+from foresight_env.equilibrium.conditions.kkt import Iterate, Parameters
+from foresight_env.equilibrium.conditions.layout import Layout
+from foresight_env.equilibrium.newton.implicit import Equilibrium, equilibrium, solution_tangent
+from foresight_env.equilibrium.newton.interior_point import Options
+from foresight_env.equilibrium.newton.start import Start
 from foresight_env.games.observations import ObservationModel
 from foresight_env.games.types import AnyArray, Scalar
 from foresight_env.inverse.coordinates import Coordinates

@@ -14,8 +14,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from foresight_env.equilibrium.kkt import Parameters
-from foresight_env.equilibrium.start import Start
+from foresight_env.equilibrium.conditions.kkt import Parameters
+from foresight_env.equilibrium.newton.start import Start
 from foresight_env.games.types import Scalar
 from foresight_env.inverse.fit import (
     Data,

@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from foresight_env.equilibrium.kkt import Iterate, Parameters
+from foresight_env.equilibrium.conditions.kkt import Iterate, Parameters
 from foresight_env.games.types import AnyArray
 from foresight_env.inverse.fit import Data, Problem, residual_jacobian, residuals
 from foresight_env.inverse.gauss_newton import DAMPING, damped_step

@@ -11,8 +11,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 from scipy.stats import qmc
 
-from foresight_env.equilibrium.kkt import Parameters
-from foresight_env.equilibrium.start import Start
+from foresight_env.equilibrium.conditions.kkt import Parameters
+from foresight_env.equilibrium.newton.start import Start
 from foresight_env.inverse.fit import Data, Fit, Problem, unevaluated
 from foresight_env.inverse.gauss_newton import GaussNewton
 from foresight_env.inverse.gradient_descent import GradientDescent

@@ -15,8 +15,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from foresight_env.equilibrium.interior_point import Options
-from foresight_env.equilibrium.layout import layout_of
+from foresight_env.equilibrium.conditions.layout import layout_of
+from foresight_env.equilibrium.newton.interior_point import Options
 from foresight_env.equilibrium.solve import Solution
 from foresight_env.games.game import Game, inside_bounds
 from foresight_env.games.observations import ObservationModel

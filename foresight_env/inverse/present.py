@@ -8,7 +8,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float
 
-from foresight_env.equilibrium.layout import Layout
+from foresight_env.equilibrium.conditions.layout import Layout
 from foresight_env.games.observations import ObservationModel
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from foresight_env.equilibrium.kkt import Parameters
+from foresight_env.equilibrium.conditions.kkt import Parameters
 from foresight_env.games.types import Theta
 from foresight_env.inverse.coordinates import Coordinates
 

@@ -20,8 +20,8 @@ import numpy as np
 from jaxtyping import Array, Float
 from scipy.stats import chi2
 
-from foresight_env.equilibrium.kkt import Iterate, Parameters
-from foresight_env.equilibrium.start import Start, from_controls
+from foresight_env.equilibrium.conditions.kkt import Iterate, Parameters
+from foresight_env.equilibrium.newton.start import Start, from_controls
 from foresight_env.inverse.fit import Data, Fit, Problem, extrapolated
 from foresight_env.inverse.gauss_newton import GaussNewton
 from foresight_env.inverse.laplace import laplace

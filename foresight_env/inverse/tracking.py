@@ -13,11 +13,11 @@ from functools import lru_cache
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from foresight_env.equilibrium.implicit import Equilibrium, equilibrium
-from foresight_env.equilibrium.interior_point import Options
-from foresight_env.equilibrium.kkt import Parameters
-from foresight_env.equilibrium.layout import layout_of
-from foresight_env.equilibrium.start import begin
+from foresight_env.equilibrium.conditions.kkt import Parameters
+from foresight_env.equilibrium.conditions.layout import layout_of
+from foresight_env.equilibrium.newton.implicit import Equilibrium, equilibrium
+from foresight_env.equilibrium.newton.interior_point import Options
+from foresight_env.equilibrium.newton.start import begin
 from foresight_env.games.costs import Effort
 from foresight_env.games.game import Game
 from foresight_env.games.observations import ObservationModel

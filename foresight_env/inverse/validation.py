@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from foresight_env.equilibrium.layout import Layout
+from foresight_env.equilibrium.conditions.layout import Layout
 from foresight_env.games.observations import ObservationModel
 from foresight_env.inverse.coordinates import Coordinates
 from foresight_env.inverse.linear_step import Rates

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from foresight_env.equilibrium.interior_point import Options
+from foresight_env.equilibrium.newton.interior_point import Options
 from foresight_env.equilibrium.solve import Solution, shift
 from foresight_env.equilibrium.status import Status
 from foresight_env.games.game import Game

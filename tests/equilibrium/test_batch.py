@@ -18,8 +18,8 @@ from small_games import (
 )
 
 from foresight_env.equilibrium import Options, Status, shift, solve, solve_many
-from foresight_env.equilibrium.batch import LIBRARY_LANES, default_lanes
-from foresight_env.equilibrium.layout import layout_of
+from foresight_env.equilibrium.batch.solve_many import LIBRARY_LANES, default_lanes
+from foresight_env.equilibrium.conditions.layout import layout_of
 from foresight_env.scenarios.crosswalk import crosswalk_game
 
 COUNT = 11

@@ -12,20 +12,20 @@ import numpy as np
 import pytest
 
 from foresight_env.equilibrium import Options
-from foresight_env.equilibrium.interior_point import newton_step
-from foresight_env.equilibrium.layout import layout_of
-from foresight_env.equilibrium.newton_system import (
+from foresight_env.equilibrium.checks.validation import check_parameters
+from foresight_env.equilibrium.conditions.layout import layout_of
+from foresight_env.equilibrium.conditions.pairs import pairs_of
+from foresight_env.equilibrium.conditions.residual import evaluate
+from foresight_env.equilibrium.linear_algebra.stagewise import StageSystem, factorise, solve_stages
+from foresight_env.equilibrium.linear_algebra.transitions import EqualSizes
+from foresight_env.equilibrium.newton.interior_point import newton_step
+from foresight_env.equilibrium.newton.newton_system import (
     direction,
     eliminate_pairs,
     fischer_burmeister,
     stage_system,
 )
-from foresight_env.equilibrium.pairs import pairs_of
-from foresight_env.equilibrium.residual import evaluate
-from foresight_env.equilibrium.stagewise import StageSystem, factorise, solve_stages
-from foresight_env.equilibrium.start import begin
-from foresight_env.equilibrium.transitions import EqualSizes
-from foresight_env.equilibrium.validation import check_parameters
+from foresight_env.equilibrium.newton.start import begin
 from foresight_env.scenarios.crosswalk import crosswalk_game, nominal_setting
 
 HORIZONS = (7, 17)

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from foresight_env.equilibrium import Options, Status, solve
-from foresight_env.equilibrium.convexity import EXACT, next_convexity, used_convexity
-from foresight_env.equilibrium.layout import layout_of
+from foresight_env.equilibrium.conditions.layout import layout_of
+from foresight_env.equilibrium.newton.convexity import EXACT, next_convexity, used_convexity
 from foresight_env.games import Effort, Game, Goal, KinematicBicycle, Player
 from foresight_env.scenarios.aachen import AACHEN
 from foresight_env.scenarios.crosswalk import crosswalk_game

@@ -10,11 +10,11 @@ import pytest
 from small_games import CROSSING_GAMMA, CROSSING_STATES, crossing, crossing_theta
 
 from foresight_env.equilibrium import Options, SolveError, Status, shift, solve, solve_many
-from foresight_env.equilibrium.attempts import attempt_count, attempt_rules
-from foresight_env.equilibrium.layout import layout_of
-from foresight_env.equilibrium.pairs import pairs_of
-from foresight_env.equilibrium.start import begin, begin_attempt
-from foresight_env.equilibrium.validation import check_parameters
+from foresight_env.equilibrium.checks.validation import check_parameters
+from foresight_env.equilibrium.conditions.layout import layout_of
+from foresight_env.equilibrium.conditions.pairs import pairs_of
+from foresight_env.equilibrium.newton.attempts import attempt_count, attempt_rules
+from foresight_env.equilibrium.newton.start import begin, begin_attempt
 from foresight_env.games import (
     Bounds,
     DoubleIntegrator,

@@ -6,20 +6,20 @@ import numpy as np
 import pytest
 
 from foresight_env.equilibrium import Options
-from foresight_env.equilibrium.curvature import dynamics_hessian, positive_part
-from foresight_env.equilibrium.layout import layout_of
-from foresight_env.equilibrium.newton_system import (
+from foresight_env.equilibrium.checks.validation import check_parameters
+from foresight_env.equilibrium.conditions.curvature import dynamics_hessian, positive_part
+from foresight_env.equilibrium.conditions.layout import layout_of
+from foresight_env.equilibrium.conditions.pairs import pairs_of
+from foresight_env.equilibrium.conditions.residual import evaluate
+from foresight_env.equilibrium.conditions.rollout import feedback_rollout, rollout
+from foresight_env.equilibrium.linear_algebra.stagewise import factorise
+from foresight_env.equilibrium.newton.newton_system import (
     direction,
     eliminate_pairs,
     on_the_path,
     stage_system,
 )
-from foresight_env.equilibrium.pairs import pairs_of
-from foresight_env.equilibrium.residual import evaluate
-from foresight_env.equilibrium.rollout import feedback_rollout, rollout
-from foresight_env.equilibrium.stagewise import factorise
-from foresight_env.equilibrium.start import begin
-from foresight_env.equilibrium.validation import check_parameters
+from foresight_env.equilibrium.newton.start import begin
 from foresight_env.games import (
     Bounds,
     DoubleIntegrator,

@@ -8,12 +8,16 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from foresight_env.equilibrium.kkt import Iterate, Parameters
-from foresight_env.equilibrium.layout import layout_of
-from foresight_env.equilibrium.newton_system import eliminate_pairs, on_the_path, stage_system
-from foresight_env.equilibrium.pairs import pairs_of
-from foresight_env.equilibrium.peers import moving_alike, peers_of
-from foresight_env.equilibrium.residual import evaluate
+from foresight_env.equilibrium.conditions.kkt import Iterate, Parameters
+from foresight_env.equilibrium.conditions.layout import layout_of
+from foresight_env.equilibrium.conditions.pairs import pairs_of
+from foresight_env.equilibrium.conditions.peers import moving_alike, peers_of
+from foresight_env.equilibrium.conditions.residual import evaluate
+from foresight_env.equilibrium.newton.newton_system import (
+    eliminate_pairs,
+    on_the_path,
+    stage_system,
+)
 from foresight_env.games import Circle, Composite, Effort, Game, Goal, Lane, RoadSide
 from foresight_env.games.anonymous import tells_apart
 from foresight_env.scenarios import crosswalk, driving, encounter, intersection

@@ -14,13 +14,16 @@ import pytest
 from small_games import CROSSING_STATES, crossing, crossing_theta
 
 from foresight_env.equilibrium import Options, Status, solve, verify
-from foresight_env.equilibrium.best_response import best_response_game, best_response_theta
-from foresight_env.equilibrium.kkt import Parameters
-from foresight_env.equilibrium.layout import layout_of
-from foresight_env.equilibrium.pairs import pairs_of, split
-from foresight_env.equilibrium.residual import evaluate
-from foresight_env.equilibrium.validation import check_parameters
-from foresight_env.equilibrium.verify import restricted
+from foresight_env.equilibrium.checks.validation import check_parameters
+from foresight_env.equilibrium.conditions.kkt import Parameters
+from foresight_env.equilibrium.conditions.layout import layout_of
+from foresight_env.equilibrium.conditions.pairs import pairs_of, split
+from foresight_env.equilibrium.conditions.residual import evaluate
+from foresight_env.equilibrium.verification.best_response import (
+    best_response_game,
+    best_response_theta,
+)
+from foresight_env.equilibrium.verification.verify import restricted
 from foresight_env.games import DoubleIntegrator, Effort, Game, Player
 from foresight_env.scenarios.crosswalk import crosswalk_game, draw_crossing
 

@@ -9,10 +9,10 @@ import pytest
 from small_games import CROSSING_GAMMA, CROSSING_GOALS, CROSSING_STATES, crossing, crossing_theta
 
 from foresight_env.equilibrium import Options, Status, solve
-from foresight_env.equilibrium.implicit import equilibrium
-from foresight_env.equilibrium.layout import layout_of
-from foresight_env.equilibrium.start import begin
-from foresight_env.equilibrium.validation import check_parameters
+from foresight_env.equilibrium.checks.validation import check_parameters
+from foresight_env.equilibrium.conditions.layout import layout_of
+from foresight_env.equilibrium.newton.implicit import equilibrium
+from foresight_env.equilibrium.newton.start import begin
 from foresight_env.games import full_state, positions
 from foresight_env.inverse import (
     Free,

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from foresight_env.equilibrium.layout import layout_of
+from foresight_env.equilibrium.conditions.layout import layout_of
 from foresight_env.games import full_state, positions
 from foresight_env.inverse.present import corrected
 from foresight_env.scenarios.crosswalk import crosswalk_game

@@ -20,10 +20,20 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from foresight_env.equilibrium.convexity import next_convexity, used_convexity
-from foresight_env.equilibrium.kkt import Iterate, Parameters
-from foresight_env.equilibrium.layout import Layout
-from foresight_env.equilibrium.newton_system import (
+from foresight_env.equilibrium.conditions.kkt import Iterate, Parameters
+from foresight_env.equilibrium.conditions.layout import Layout
+from foresight_env.equilibrium.conditions.pairs import Pairs, count, pairs_of
+from foresight_env.equilibrium.conditions.residual import (
+    VIOLATED,
+    Evaluation,
+    evaluate,
+    largest_multiplier,
+    violation,
+)
+from foresight_env.equilibrium.conditions.rollout import feedback_rollout
+from foresight_env.equilibrium.linear_algebra.stagewise import Factor, factorise
+from foresight_env.equilibrium.newton.convexity import next_convexity, used_convexity
+from foresight_env.equilibrium.newton.newton_system import (
     Linear,
     direction,
     eliminate_pairs,
@@ -32,16 +42,6 @@ from foresight_env.equilibrium.newton_system import (
     on_the_path,
     stage_system,
 )
-from foresight_env.equilibrium.pairs import Pairs, count, pairs_of
-from foresight_env.equilibrium.residual import (
-    VIOLATED,
-    Evaluation,
-    evaluate,
-    largest_multiplier,
-    violation,
-)
-from foresight_env.equilibrium.rollout import feedback_rollout
-from foresight_env.equilibrium.stagewise import Factor, factorise
 from foresight_env.games.types import Scalar
 
 

@@ -14,10 +14,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from foresight_env.equilibrium.kkt import Iterate, Parameters, discount_ratios, row_shares
-from foresight_env.equilibrium.layout import Layout
-from foresight_env.equilibrium.pairs import split
-from foresight_env.equilibrium.peers import (
+from foresight_env.equilibrium.conditions.kkt import (
+    Iterate,
+    Parameters,
+    discount_ratios,
+    row_shares,
+)
+from foresight_env.equilibrium.conditions.layout import Layout
+from foresight_env.equilibrium.conditions.pairs import split
+from foresight_env.equilibrium.conditions.peers import (
     Peers,
     block_diagonal,
     in_place,

@@ -7,12 +7,12 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from foresight_env.equilibrium.curvature import dynamics_hessian
-from foresight_env.equilibrium.kkt import Iterate
-from foresight_env.equilibrium.layout import Layout
-from foresight_env.equilibrium.pairs import Pairs, Parts, join, split
-from foresight_env.equilibrium.residual import Evaluation
-from foresight_env.equilibrium.stagewise import Factor, StageSystem, solve_stages
+from foresight_env.equilibrium.conditions.curvature import dynamics_hessian
+from foresight_env.equilibrium.conditions.kkt import Iterate
+from foresight_env.equilibrium.conditions.layout import Layout
+from foresight_env.equilibrium.conditions.pairs import Pairs, Parts, join, split
+from foresight_env.equilibrium.conditions.residual import Evaluation
+from foresight_env.equilibrium.linear_algebra.stagewise import Factor, StageSystem, solve_stages
 
 EQUALITY_REGULARISATION = 1e-8
 """Proximal term of equality multipliers: keeps the stage matrices regular without a constraint

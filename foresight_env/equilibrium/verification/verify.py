@@ -16,18 +16,26 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from foresight_env.equilibrium.best_response import best_response_game, best_response_theta
-from foresight_env.equilibrium.curvature import dynamics_hessian
-from foresight_env.equilibrium.implicit import Equilibrium, equilibrium
-from foresight_env.equilibrium.interior_point import Options
-from foresight_env.equilibrium.kkt import Iterate, Parameters, discount_ratios, row_shares
-from foresight_env.equilibrium.layout import Layout, layout_of
-from foresight_env.equilibrium.pairs import Parts, join, pairs_of, split
-from foresight_env.equilibrium.residual import evaluate
+from foresight_env.equilibrium.checks.validation import check_parameters
+from foresight_env.equilibrium.conditions.curvature import dynamics_hessian
+from foresight_env.equilibrium.conditions.kkt import (
+    Iterate,
+    Parameters,
+    discount_ratios,
+    row_shares,
+)
+from foresight_env.equilibrium.conditions.layout import Layout, layout_of
+from foresight_env.equilibrium.conditions.pairs import Parts, join, pairs_of, split
+from foresight_env.equilibrium.conditions.residual import evaluate
+from foresight_env.equilibrium.newton.implicit import Equilibrium, equilibrium
+from foresight_env.equilibrium.newton.interior_point import Options
+from foresight_env.equilibrium.newton.start import Start, begin
 from foresight_env.equilibrium.solve import Solution
-from foresight_env.equilibrium.start import Start, begin
 from foresight_env.equilibrium.status import Status
-from foresight_env.equilibrium.validation import check_parameters
+from foresight_env.equilibrium.verification.best_response import (
+    best_response_game,
+    best_response_theta,
+)
 from foresight_env.games.game import Game
 from foresight_env.games.stage import stage_cost
 from foresight_env.games.types import AnyArray, Scalar, Theta

@@ -12,12 +12,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Int
 
-from foresight_env.equilibrium.implicit import Equilibrium, equilibrium
-from foresight_env.equilibrium.interior_point import Options
-from foresight_env.equilibrium.kkt import Iterate, Parameters
-from foresight_env.equilibrium.layout import Layout
+from foresight_env.equilibrium.conditions.kkt import Iterate, Parameters
+from foresight_env.equilibrium.conditions.layout import Layout
+from foresight_env.equilibrium.newton.implicit import Equilibrium, equilibrium
+from foresight_env.equilibrium.newton.interior_point import Options
+from foresight_env.equilibrium.newton.start import begin
 from foresight_env.equilibrium.solve import Solution, to_solution
-from foresight_env.equilibrium.start import begin
 from foresight_env.games.types import AnyArray
 
 

@@ -17,10 +17,10 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from foresight_env.equilibrium.recursion import affine_recursion
-from foresight_env.equilibrium.riccati import matrix_recursion
-from foresight_env.equilibrium.small_matrices import matrix_product
-from foresight_env.equilibrium.transitions import EqualSizes
+from foresight_env.equilibrium.linear_algebra.recursion import affine_recursion
+from foresight_env.equilibrium.linear_algebra.riccati import matrix_recursion
+from foresight_env.equilibrium.linear_algebra.small_matrices import matrix_product
+from foresight_env.equilibrium.linear_algebra.transitions import EqualSizes
 
 
 class StageSystem(NamedTuple):

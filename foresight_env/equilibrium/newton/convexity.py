@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import jax.numpy as jnp
 
-from foresight_env.equilibrium.layout import Layout
+from foresight_env.equilibrium.conditions.layout import Layout
 from foresight_env.games.types import Scalar
 
 FALL, RISE = 0.8, 20.0

@@ -9,11 +9,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from foresight_env.equilibrium.kkt import Iterate, Parameters
-from foresight_env.equilibrium.layout import Layout
-from foresight_env.equilibrium.linearisation import Linearisation, linearise
-from foresight_env.equilibrium.pairs import Pairs, distances_to_bounds, split
-from foresight_env.equilibrium.recursion import affine_recursion
+from foresight_env.equilibrium.conditions.kkt import Iterate, Parameters
+from foresight_env.equilibrium.conditions.layout import Layout
+from foresight_env.equilibrium.conditions.linearisation import Linearisation, linearise
+from foresight_env.equilibrium.conditions.pairs import Pairs, distances_to_bounds, split
+from foresight_env.equilibrium.linear_algebra.recursion import affine_recursion
 from foresight_env.games.types import Scalar
 
 VIOLATED = 1e-4

@@ -13,10 +13,14 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from foresight_env.equilibrium.attempts import attempt_count, attempt_rules
-from foresight_env.equilibrium.convexity import next_convexity, used_convexity
-from foresight_env.equilibrium.implicit import Equilibrium
-from foresight_env.equilibrium.interior_point import (
+from foresight_env.equilibrium.conditions.kkt import Iterate, Parameters
+from foresight_env.equilibrium.conditions.layout import Layout
+from foresight_env.equilibrium.conditions.pairs import pairs_of
+from foresight_env.equilibrium.conditions.residual import evaluate, violation
+from foresight_env.equilibrium.newton.attempts import attempt_count, attempt_rules
+from foresight_env.equilibrium.newton.convexity import next_convexity, used_convexity
+from foresight_env.equilibrium.newton.implicit import Equilibrium
+from foresight_env.equilibrium.newton.interior_point import (
     Options,
     accuracy_of,
     astray,
@@ -25,12 +29,8 @@ from foresight_env.equilibrium.interior_point import (
     is_finite,
     newton_step,
 )
-from foresight_env.equilibrium.kkt import Iterate, Parameters
-from foresight_env.equilibrium.layout import Layout
-from foresight_env.equilibrium.pairs import pairs_of
-from foresight_env.equilibrium.residual import evaluate, violation
+from foresight_env.equilibrium.newton.start import Start, begin, begin_attempt
 from foresight_env.equilibrium.solve import Solution, to_solution
-from foresight_env.equilibrium.start import Start, begin, begin_attempt
 from foresight_env.games.types import AnyArray
 
 

@@ -11,9 +11,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from foresight_env.equilibrium.kkt import Parameters
-from foresight_env.equilibrium.layout import Layout, layout_of
-from foresight_env.equilibrium.named import parts_of
+from foresight_env.equilibrium.checks.named import parts_of
+from foresight_env.equilibrium.conditions.kkt import Parameters
+from foresight_env.equilibrium.conditions.layout import Layout, layout_of
 from foresight_env.games.game import Game
 from foresight_env.games.types import Theta
 from foresight_env.precision import is_traced

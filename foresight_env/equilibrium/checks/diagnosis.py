@@ -8,10 +8,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from foresight_env.equilibrium.kkt import Iterate, Parameters
-from foresight_env.equilibrium.layout import Layout
-from foresight_env.equilibrium.named import parts_of
-from foresight_env.equilibrium.rollout import rollout
+from foresight_env.equilibrium.checks.named import parts_of
+from foresight_env.equilibrium.conditions.kkt import Iterate, Parameters
+from foresight_env.equilibrium.conditions.layout import Layout
+from foresight_env.equilibrium.conditions.rollout import rollout
 from foresight_env.games.types import AnyArray
 
 

@@ -10,13 +10,13 @@ import jax.numpy as jnp
 from jax.custom_batching import custom_vmap
 from jaxtyping import Array, Float
 
-from foresight_env.equilibrium.small_matrices import (
+from foresight_env.equilibrium.linear_algebra.small_matrices import (
     SMALL_STAGE,
     eliminate,
     inverse,
     matrix_product,
 )
-from foresight_env.equilibrium.transitions import EqualSizes, blocks_of, both_sides
+from foresight_env.equilibrium.linear_algebra.transitions import EqualSizes, blocks_of, both_sides
 
 LARGE_PIVOT = 16
 """Unknowns of a stage beyond its state above which a library call eliminates them faster."""

@@ -13,15 +13,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from foresight_env.equilibrium.layout import Layout
-from foresight_env.equilibrium.peers import (
+from foresight_env.equilibrium.conditions.layout import Layout
+from foresight_env.equilibrium.conditions.peers import (
     apart,
     block_diagonal,
     inputs_of,
     moving_alike,
     spread,
 )
-from foresight_env.equilibrium.small_matrices import matrix_product
+from foresight_env.equilibrium.linear_algebra.small_matrices import matrix_product
 from foresight_env.games.types import Scalar
 
 SIGN_STEPS = 10

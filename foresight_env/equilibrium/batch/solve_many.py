@@ -11,15 +11,15 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
-from foresight_env.equilibrium.in_turn import solve_in_turn
-from foresight_env.equilibrium.interior_point import Options
-from foresight_env.equilibrium.kkt import Iterate, Parameters
-from foresight_env.equilibrium.lanes import solve_lanes
-from foresight_env.equilibrium.layout import Layout, layout_of
-from foresight_env.equilibrium.newton_system import stage_unknowns
-from foresight_env.equilibrium.riccati import leaves_to_library
+from foresight_env.equilibrium.batch.in_turn import solve_in_turn
+from foresight_env.equilibrium.batch.lanes import solve_lanes
+from foresight_env.equilibrium.checks.validation import check_parameters
+from foresight_env.equilibrium.conditions.kkt import Iterate, Parameters
+from foresight_env.equilibrium.conditions.layout import Layout, layout_of
+from foresight_env.equilibrium.linear_algebra.riccati import leaves_to_library
+from foresight_env.equilibrium.newton.interior_point import Options
+from foresight_env.equilibrium.newton.newton_system import stage_unknowns
 from foresight_env.equilibrium.solve import Solution, check_iterate
-from foresight_env.equilibrium.validation import check_parameters
 from foresight_env.games.game import Game
 from foresight_env.precision import to_double, to_numpy
 

@@ -15,20 +15,24 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from foresight_env.equilibrium.attempts import attempt_count, attempt_rules
-from foresight_env.equilibrium.interior_point import (
+from foresight_env.equilibrium.conditions.kkt import Iterate, Parameters
+from foresight_env.equilibrium.conditions.layout import Layout
+from foresight_env.equilibrium.conditions.pairs import Parts, join, pairs_of, split
+from foresight_env.equilibrium.conditions.residual import evaluate, violation
+from foresight_env.equilibrium.linear_algebra.stagewise import factorise, solve_stages
+from foresight_env.equilibrium.newton.attempts import attempt_count, attempt_rules
+from foresight_env.equilibrium.newton.interior_point import (
     Options,
     accuracy_of,
     converged,
     iterate,
 )
-from foresight_env.equilibrium.kkt import Iterate, Parameters
-from foresight_env.equilibrium.layout import Layout
-from foresight_env.equilibrium.newton_system import eliminate_pairs, on_the_path, stage_system
-from foresight_env.equilibrium.pairs import Parts, join, pairs_of, split
-from foresight_env.equilibrium.residual import evaluate, violation
-from foresight_env.equilibrium.stagewise import factorise, solve_stages
-from foresight_env.equilibrium.start import Start, begin_attempt
+from foresight_env.equilibrium.newton.newton_system import (
+    eliminate_pairs,
+    on_the_path,
+    stage_system,
+)
+from foresight_env.equilibrium.newton.start import Start, begin_attempt
 from foresight_env.games.types import Scalar
 
 

@@ -9,12 +9,18 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from foresight_env.equilibrium.attempts import ATTEMPTS_NEAR, attempt_place
-from foresight_env.equilibrium.interior_point import Options
-from foresight_env.equilibrium.kkt import Iterate, Parameters
-from foresight_env.equilibrium.layout import Layout
-from foresight_env.equilibrium.pairs import Parts, distances_to_bounds, join, pairs_of, split
-from foresight_env.equilibrium.rollout import rollout
+from foresight_env.equilibrium.conditions.kkt import Iterate, Parameters
+from foresight_env.equilibrium.conditions.layout import Layout
+from foresight_env.equilibrium.conditions.pairs import (
+    Parts,
+    distances_to_bounds,
+    join,
+    pairs_of,
+    split,
+)
+from foresight_env.equilibrium.conditions.rollout import rollout
+from foresight_env.equilibrium.newton.attempts import ATTEMPTS_NEAR, attempt_place
+from foresight_env.equilibrium.newton.interior_point import Options
 from foresight_env.games.types import AnyArray, Scalar
 
 WARM_BARRIER = 1e-2

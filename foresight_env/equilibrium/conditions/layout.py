@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from foresight_env.equilibrium.transitions import EqualSizes
+from foresight_env.equilibrium.linear_algebra.transitions import EqualSizes
 from foresight_env.games.constraints import Bounds, Equality, Inequality
 from foresight_env.games.costs import Weight, weight_value
 from foresight_env.games.game import Game

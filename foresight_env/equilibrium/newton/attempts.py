@@ -10,8 +10,8 @@ from __future__ import annotations
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
-from foresight_env.equilibrium.interior_point import Options
-from foresight_env.equilibrium.layout import Layout
+from foresight_env.equilibrium.conditions.layout import Layout
+from foresight_env.equilibrium.newton.interior_point import Options
 from foresight_env.games.types import AnyArray, Scalar
 
 EXACT_FROM_SOLUTION = 10.0

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from foresight_env.equilibrium.layout import Layout
+from foresight_env.equilibrium.conditions.layout import Layout
 from foresight_env.games.constraints import Inequality
 from foresight_env.games.costs import Composite
 from foresight_env.games.game import Game, Player

@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from foresight_env.equilibrium.layout import Layout
+from foresight_env.equilibrium.conditions.layout import Layout
 from foresight_env.games.anonymous import tells_apart
 from foresight_env.games.game import Game
 from foresight_env.games.types import ConstraintFunction, CostFunction, Theta

@@ -8,8 +8,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from foresight_env.equilibrium.layout import Layout
-from foresight_env.equilibrium.peers import apart, moving_alike
+from foresight_env.equilibrium.conditions.layout import Layout
+from foresight_env.equilibrium.conditions.peers import apart, moving_alike
 from foresight_env.games.types import AnyArray, StageNumber
 
 

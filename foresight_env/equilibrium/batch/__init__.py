@@ -1,0 +1,1 @@
+"""Many games at once: threads, batch slots and games in turn."""

@@ -1,0 +1,1 @@
+"""Validation of input and diagnosis of failures."""

@@ -1,0 +1,1 @@
+"""First-order conditions: residual, linearisation and curvature."""

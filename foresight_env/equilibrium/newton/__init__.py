@@ -1,0 +1,1 @@
+"""Interior-point method: Newton steps, starts, restarts and implicit derivatives."""

@@ -1,0 +1,1 @@
+"""Tests of an equilibrium: unilateral deviations and best responses."""
