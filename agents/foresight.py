@@ -19,7 +19,7 @@ from agents.perception import Perception
 from agents.planning import QUICK_STEPS, Plan, plan_equilibrium
 from agents.policy import Decision
 from agents.predict_then_plan import PlanMemory, constant_velocity
-from foresight_env.envs.scene import Scene
+from foresight_env.envs.core.scene import Scene
 from foresight_env.inverse import Estimate, Free, OnlineEstimator, OnlineState, Prior
 
 AHEAD_PART = 0.6

@@ -20,7 +20,7 @@ from jaxtyping import Float
 
 from agents.perception import Perception
 from agents.policy import Decision
-from foresight_env.envs.scene import Scene
+from foresight_env.envs.core.scene import Scene
 from foresight_env.highway.axes import flipped_controls, flipped_places, flipped_states
 
 LANE = ("begin", "end", 0)

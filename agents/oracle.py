@@ -14,8 +14,8 @@ from jaxtyping import Float
 
 from agents.planning import Plan, plan_equilibrium
 from agents.policy import Decision
-from foresight_env.envs.scene import Scene
-from foresight_env.envs.world import unstacked
+from foresight_env.envs.core.scene import Scene
+from foresight_env.envs.core.world import unstacked
 
 
 class OracleMemory(NamedTuple):

@@ -13,7 +13,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float
 
-from foresight_env.envs.scene import Scene
+from foresight_env.envs.core.scene import Scene
 from foresight_env.games import Dynamics, ObservationModel, Vehicle
 from foresight_env.games.motion import moving_state
 from foresight_env.precision import in_double_precision

@@ -11,8 +11,8 @@ from agents.motion import FIT_STEPS, extrapolate, player_positions, present_stat
 from agents.own_state import OwnState, follow_own_state
 from agents.planning import within_limits
 from agents.policy import Decision
-from foresight_env.envs.motion import braking
-from foresight_env.envs.scene import Scene
+from foresight_env.envs.core.motion import braking
+from foresight_env.envs.core.scene import Scene
 
 
 class Perception(NamedTuple):

@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Float
 
 from agents.policy import Decision
-from foresight_env.envs.motion import braking
-from foresight_env.envs.scene import Scene
+from foresight_env.envs.core.motion import braking
+from foresight_env.envs.core.scene import Scene
 from foresight_env.equilibrium import Solution, Status, shift, solve
 from foresight_env.equilibrium.verification.best_response import (
     best_response_game,

@@ -18,7 +18,7 @@ from typing import Any, Protocol, TypeVar, runtime_checkable
 import numpy as np
 from jaxtyping import Float
 
-from foresight_env.envs.scene import Scene
+from foresight_env.envs.core.scene import Scene
 
 Memory = TypeVar("Memory")
 

@@ -19,7 +19,7 @@ from agents.perception import Perception
 from agents.planning import Plan, plan_response
 from agents.policy import Decision
 from agents.predictor import Forecast, History, Predictor
-from foresight_env.envs.scene import Scene
+from foresight_env.envs.core.scene import Scene
 from foresight_env.games import Dynamics, Vehicle
 from foresight_env.games.motion import moving_state, planar_velocity
 

@@ -16,7 +16,7 @@ from benchmarks.timing import Yardstick
 from evaluation.generation import generate
 from evaluation.learning import observed_states
 from evaluation.places import setting_of
-from foresight_env.envs.style import INTERVAL_DEVIATIONS
+from foresight_env.envs.rendering.style import INTERVAL_DEVIATIONS
 
 GUESS = "always the middle of the range"
 

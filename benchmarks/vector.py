@@ -11,7 +11,7 @@ from gymnasium.vector import SyncVectorEnv
 
 import foresight_env.envs  # noqa: F401  (registers the environments)
 from benchmarks.report import Result, Row, Setting
-from foresight_env.envs.crosswalk_vector import CrosswalkVectorEnv
+from foresight_env.envs.crosswalk.vector import CrosswalkVectorEnv
 
 ID = "foresight/Crosswalk-v0"
 PLAYERS = 2

@@ -12,7 +12,7 @@ from PIL import Image
 from evaluation.closed_loop import Step, episode, inferred
 from evaluation.figures import gamma_over_time
 from evaluation.run_setting import RunSetting
-from foresight_env.envs.overlay import Overlay
+from foresight_env.envs.core.overlay import Overlay
 from foresight_env.files import write_atomically
 
 

@@ -20,8 +20,8 @@ from evaluation.heatmap import Heatmap
 from evaluation.naming import colour_of, label_of
 from evaluation.recorded import Encounter, Judged
 from evaluation.store import Row
-from foresight_env.envs.style import COLOURS as AGENT_COLOURS
-from foresight_env.envs.style import INTERVAL_DEVIATIONS
+from foresight_env.envs.rendering.style import COLOURS as AGENT_COLOURS
+from foresight_env.envs.rendering.style import INTERVAL_DEVIATIONS
 from foresight_env.files import write_atomically
 from foresight_env.inverse import Estimate
 from foresight_env.scenarios.crosswalk import MONTE_CARLO

@@ -36,7 +36,7 @@ from evaluation.store import Row, Store, Trial
 from evaluation.trials import run_trials
 from evaluation.workers import Workers
 from foresight_env.datasets import Recording, open_recording, recordings_below
-from foresight_env.envs.footprints import Footprint, Motion, least_gap
+from foresight_env.envs.core.footprints import Footprint, Motion, least_gap
 from foresight_env.scenarios.encounter import is_vehicle
 from foresight_env.scenarios.junction import CAR_LENGTH, CAR_WIDTH, PEDESTRIAN_RADIUS
 

@@ -29,7 +29,7 @@ from agents.learned.policy_network import SCALE, WIDTH, policy_network
 from agents.learned.training import Checkpoint, Epoch, Schedule, Trained, is_tired
 from evaluation.generation import FIRST_SEED
 from evaluation.trained import write_trained
-from foresight_env.envs.crosswalk_vector import CrosswalkVectorEnv
+from foresight_env.envs.crosswalk.vector import CrosswalkVectorEnv
 from foresight_env.scenarios.crosswalk import CONTROL_LIMIT, Ranges
 
 ENVS = 256

@@ -12,8 +12,8 @@ from evaluation.closed_loop import Step, episode, inferred
 from evaluation.endings import ending
 from evaluation.naming import label_of
 from evaluation.run_setting import RunSetting
-from foresight_env.envs.scenery import Disc
-from foresight_env.envs.style import COLOURS, INTERVAL_DEVIATIONS, Colour
+from foresight_env.envs.core.scenery import Disc
+from foresight_env.envs.rendering.style import COLOURS, INTERVAL_DEVIATIONS, Colour
 from foresight_env.games import Vehicle
 
 DIGITS = 3

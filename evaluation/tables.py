@@ -16,7 +16,7 @@ from evaluation.naming import label_of
 from evaluation.recorded import Encounter, Judged
 from evaluation.statistics import Interval, mean_interval
 from evaluation.store import Row
-from foresight_env.envs.style import INTERVAL_DEVIATIONS
+from foresight_env.envs.rendering.style import INTERVAL_DEVIATIONS
 from foresight_env.scenarios.crosswalk import DT
 
 

@@ -19,7 +19,7 @@ from agents.learned.policy_network import PolicyNetwork
 from agents.learned.weights import FOLDER, load_network
 from agents.perception import Perception
 from agents.policy import Decision
-from foresight_env.envs.scene import Scene
+from foresight_env.envs.core.scene import Scene
 from foresight_env.scenarios.crosswalk import CONTROL_LIMIT
 
 REACTIVE: dict[str, Any] = {"cloned": CloningNetwork, "ppo": PolicyNetwork}

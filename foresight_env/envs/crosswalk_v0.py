@@ -1,15 +1,15 @@
-"""Version 0 of the crosswalk under PettingZoo's names; see module `crosswalk` for its page."""
+"""Version 0 of the crosswalk under PettingZoo's names; see `crosswalk.env` for its page."""
 
 from typing import Any
 
 from pettingzoo.utils.conversions import aec_wrapper_fn, parallel_to_aec_wrapper
 
-from foresight_env.envs.crosswalk import CrosswalkParallelEnv
+from foresight_env.envs.crosswalk.env import CrosswalkParallelEnv
 
 __all__ = ["env", "parallel_env", "raw_env"]
 
 parallel_env = CrosswalkParallelEnv
-"""The parallel environment; arguments as in module `crosswalk`."""
+"""The parallel environment; arguments as in `crosswalk.env`."""
 
 env = aec_wrapper_fn(parallel_env)
 """The same as an agent-environment-cycle environment that enforces the order of calls."""

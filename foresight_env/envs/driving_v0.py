@@ -4,12 +4,12 @@ from typing import Any
 
 from pettingzoo.utils.conversions import aec_wrapper_fn, parallel_to_aec_wrapper
 
-from foresight_env.envs.driving import DrivingParallelEnv
+from foresight_env.envs.driving.env import DrivingParallelEnv
 
 __all__ = ["env", "parallel_env", "raw_env"]
 
 parallel_env = DrivingParallelEnv
-"""The parallel environment; arguments as in module `driving`."""
+"""The parallel environment; arguments as in `driving.env`."""
 
 env = aec_wrapper_fn(parallel_env)
 """The same as an agent-environment-cycle environment that enforces the order of calls."""

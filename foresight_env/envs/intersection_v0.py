@@ -4,12 +4,12 @@ from typing import Any
 
 from pettingzoo.utils.conversions import aec_wrapper_fn, parallel_to_aec_wrapper
 
-from foresight_env.envs.intersection import IntersectionParallelEnv
+from foresight_env.envs.intersection.env import IntersectionParallelEnv
 
 __all__ = ["env", "parallel_env", "raw_env"]
 
 parallel_env = IntersectionParallelEnv
-"""The parallel environment; arguments as in module `intersection`."""
+"""The parallel environment; arguments as in `intersection.env`."""
 
 env = aec_wrapper_fn(parallel_env)
 """The same as an agent-environment-cycle environment that enforces the order of calls."""

@@ -8,9 +8,9 @@ from pettingzoo.env_registry.registration import aec_registry, parallel_registry
 from pettingzoo.env_registry.registration import register as register_pettingzoo
 
 SCENARIOS = ("crosswalk", "intersection", "driving")
-"""Each has a module `<name>` with a class `<Name>Env`, and a module `<name>_v0`."""
+"""Each has a module `<name>.env` with a class `<Name>Env`, and a module `<name>_v0`."""
 
-VECTOR = {"crosswalk": "foresight_env.envs.crosswalk_vector:CrosswalkVectorEnv"}
+VECTOR = {"crosswalk": "foresight_env.envs.crosswalk.vector:CrosswalkVectorEnv"}
 """What `gymnasium.make_vec(..., vectorization_mode="vector_entry_point")` makes."""
 
 
@@ -22,7 +22,7 @@ def register() -> None:
         if single not in registry:
             register_gymnasium(
                 single,
-                f"foresight_env.envs.{name}:{name.capitalize()}Env",
+                f"foresight_env.envs.{name}.env:{name.capitalize()}Env",
                 vector_entry_point=VECTOR.get(name),
             )
         if both not in parallel_registry:

@@ -12,7 +12,7 @@ from agents.motion import (
     player_positions,
     present_state,
 )
-from foresight_env.envs.scene import own_first
+from foresight_env.envs.core.scene import own_first
 from foresight_env.games import DoubleIntegrator, ObservationModel, SlipBicycle
 from foresight_env.scenarios.crosswalk import crosswalk_game
 

@@ -7,7 +7,7 @@ import pytest
 from small import HORIZON, WINDOW
 
 import foresight_env.inverse.window_fit as window_fit
-from foresight_env.envs.scene import own_first
+from foresight_env.envs.core.scene import own_first
 from foresight_env.equilibrium import Status, solve
 from foresight_env.inverse import Free, OnlineEstimator, Prior
 from foresight_env.scenarios.crosswalk import MONTE_CARLO, crosswalk_game, player_theta

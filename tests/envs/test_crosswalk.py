@@ -13,9 +13,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from foresight_env.envs import crosswalk_v0, oracle
-from foresight_env.envs.crosswalk_world import closest_approach
-from foresight_env.envs.motion import applicable
+from foresight_env.envs import crosswalk_v0
+from foresight_env.envs.core import behaviours as oracle
+from foresight_env.envs.core.motion import applicable
+from foresight_env.envs.crosswalk.world import closest_approach
 from foresight_env.equilibrium import Status, solve
 from foresight_env.scenarios.crosswalk import Ranges, crosswalk_game, draw_crossing
 from foresight_env.scenarios.situation import Situation

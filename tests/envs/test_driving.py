@@ -11,8 +11,8 @@ from highway_env.vehicle.kinematics import Vehicle
 
 from agents import Foresight, make_ego
 from foresight_env.envs import driving_v0
-from foresight_env.envs.drivers import IdmDrivers, RecordedDrivers
-from foresight_env.envs.motion import advance
+from foresight_env.envs.core.motion import advance
+from foresight_env.envs.driving.drivers import IdmDrivers, RecordedDrivers
 from foresight_env.highway.axes import flipped_controls, flipped_states
 from foresight_env.highway.scenes import SCENES
 from foresight_env.inverse import Prior
@@ -84,7 +84,7 @@ def test_idm_cars_drive_as_highway_envs_road_drives_them(scene):
 
 
 def everybody_setting(env):
-    from foresight_env.envs.oracle import BehaviourSetting
+    from foresight_env.envs.core.behaviours import BehaviourSetting
 
     return BehaviourSetting(env._world.game, 4, 10)
 

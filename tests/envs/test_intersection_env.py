@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from agents.oracle import Oracle
-from foresight_env.envs import intersection_v0, oracle
-from foresight_env.envs.intersection_world import intersection_world
-from foresight_env.envs.style import COLOURS
+from foresight_env.envs import intersection_v0
+from foresight_env.envs.core import behaviours as oracle
+from foresight_env.envs.intersection.world import intersection_world
+from foresight_env.envs.rendering.style import COLOURS
 from foresight_env.equilibrium import Status, solve
 from foresight_env.scenarios.aachen import AACHEN
 from foresight_env.scenarios.junction import JunctionRanges, draw_junction, junction_game

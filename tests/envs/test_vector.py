@@ -14,11 +14,11 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 import foresight_env.envs  # noqa: F401  (registers the environments)
-from foresight_env.envs import crosswalk_world
-from foresight_env.envs import functional_crosswalk as functional
-from foresight_env.envs.crosswalk_vector import CrosswalkVectorEnv
-from foresight_env.envs.functional_crosswalk import CrosswalkSetting
-from foresight_env.envs.vector_oracle import padded
+from foresight_env.envs.crosswalk.env import functional
+from foresight_env.envs.crosswalk.env import world as crosswalk_world
+from foresight_env.envs.crosswalk.functional import CrosswalkSetting
+from foresight_env.envs.crosswalk.vector import CrosswalkVectorEnv
+from foresight_env.envs.crosswalk.vector_oracle import padded
 from foresight_env.scenarios.crosswalk import CONTROL_LIMIT, DT, SPEED_LIMIT
 
 ID = "foresight/Crosswalk-v0"

@@ -23,7 +23,7 @@ from evaluation.options import (
     Scene,
 )
 from evaluation.sample import write_sample
-from foresight_env.envs.style import COLOURS
+from foresight_env.envs.rendering.style import COLOURS
 from foresight_env.highway.scenes import SCENES
 
 COMMANDS = (

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from foresight_env.envs.driving_world import driving_world, off_road
+from foresight_env.envs.driving.world import driving_world, off_road
 from foresight_env.highway.axes import flipped_places
 from foresight_env.highway.networks import crossing
 from foresight_env.highway.ranges import DrivingRanges

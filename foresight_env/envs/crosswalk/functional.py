@@ -5,8 +5,8 @@
     state, step = advance(setting, state, action)
     seen = observe(setting, state, noise_key)
 
-The same world as `foresight_env.envs.crosswalk`, whose page tells of spaces, rewards and ends; the
-ego is player 0. Arrays have the caller's precision; the solver works in double precision whatever
+The same world as `foresight_env.envs.crosswalk.env`, which documents spaces, rewards and ends; the ego
+is player 0. Arrays have the caller's precision; the solver works in double precision whatever
 that is. Nothing is checked and nothing restarts by itself: `CrosswalkVectorEnv` does both.
 """
 
@@ -20,10 +20,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
-from foresight_env.envs.crosswalk_world import GOAL_RADIUS, POSITION_LIMIT, VELOCITY_LIMIT
-from foresight_env.envs.motion import FIRST_STAGE
-from foresight_env.envs.oracle import NOTHING_SOLVED
-from foresight_env.envs.scene import Observation
+from foresight_env.envs.core.behaviours import NOTHING_SOLVED
+from foresight_env.envs.core.motion import FIRST_STAGE
+from foresight_env.envs.core.scene import Observation
+from foresight_env.envs.crosswalk.world import GOAL_RADIUS, POSITION_LIMIT, VELOCITY_LIMIT
 from foresight_env.equilibrium import Solution, Status, shift, solve
 from foresight_env.games import Game, stage_cost
 from foresight_env.games.types import AnyArray

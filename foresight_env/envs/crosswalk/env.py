@@ -77,13 +77,13 @@ from __future__ import annotations
 
 from typing import Any, ClassVar, Literal
 
-from foresight_env.envs import checks
-from foresight_env.envs.checks import no_type_check
-from foresight_env.envs.crosswalk_world import crosswalk_world
-from foresight_env.envs.oracle import BehaviourFactory
-from foresight_env.envs.parallel import WorldParallelEnv
-from foresight_env.envs.scene import Observation
-from foresight_env.envs.single import SingleAgentEnv, single_metadata
+from foresight_env.envs.core import checks
+from foresight_env.envs.core.behaviours import BehaviourFactory
+from foresight_env.envs.core.checks import no_type_check
+from foresight_env.envs.core.parallel import WorldParallelEnv
+from foresight_env.envs.core.scene import Observation
+from foresight_env.envs.core.single import SingleAgentEnv, single_metadata
+from foresight_env.envs.crosswalk.world import crosswalk_world
 from foresight_env.scenarios.crosswalk import DT, HORIZON, Proximity, Ranges
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pygame
 from jaxtyping import Float
 
-from foresight_env.envs.style import Colour
+from foresight_env.envs.rendering.style import Colour
 
 Pixel = tuple[float, float]
 

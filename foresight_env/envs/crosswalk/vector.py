@@ -24,11 +24,11 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from jaxtyping import Bool, Float, Float32, Int
 
-from foresight_env.envs import checks
-from foresight_env.envs.checks import no_type_check
-from foresight_env.envs.crosswalk import CrosswalkEnv
-from foresight_env.envs.crosswalk_world import crosswalk_world
-from foresight_env.envs.functional_crosswalk import (
+from foresight_env.envs.core import checks
+from foresight_env.envs.core.checks import no_type_check
+from foresight_env.envs.core.world import stacked
+from foresight_env.envs.crosswalk.env import CrosswalkEnv
+from foresight_env.envs.crosswalk.functional import (
     EGO,
     CrosswalkSetting,
     CrosswalkState,
@@ -37,8 +37,8 @@ from foresight_env.envs.functional_crosswalk import (
     move,
     seen,
 )
-from foresight_env.envs.vector_oracle import VectorOracle, padded
-from foresight_env.envs.world import stacked
+from foresight_env.envs.crosswalk.vector_oracle import VectorOracle, padded
+from foresight_env.envs.crosswalk.world import crosswalk_world
 from foresight_env.precision import in_double_precision
 from foresight_env.scenarios.crosswalk import CONTROL_LIMIT, DT, HORIZON, Ranges
 from foresight_env.scenarios.situation import Situation

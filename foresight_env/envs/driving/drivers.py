@@ -9,7 +9,12 @@ from highway_env.road.road import Road
 from highway_env.vehicle.behavior import IDMVehicle
 from jaxtyping import Float
 
-from foresight_env.envs.oracle import Behaviour, BehaviourFactory, BehaviourSetting, SolverReport
+from foresight_env.envs.core.behaviours import (
+    Behaviour,
+    BehaviourFactory,
+    BehaviourSetting,
+    SolverReport,
+)
 from foresight_env.highway.axes import flipped_controls, flipped_states
 from foresight_env.highway.scenes import DrivingScene
 from foresight_env.scenarios.driving import ACCELERATION_LIMIT, STEERING_LIMIT

@@ -15,14 +15,14 @@ from gymnasium.utils.seeding import np_random
 from jaxtyping import Float, Float32
 from pettingzoo import ParallelEnv
 
-from foresight_env.envs import checks
-from foresight_env.envs.checks import no_type_check
-from foresight_env.envs.episode import Episode
-from foresight_env.envs.motion import advance, applicable, observe
-from foresight_env.envs.oracle import BehaviourSetting, SolverReport
-from foresight_env.envs.overlay import Overlay
-from foresight_env.envs.scene import Own, Scene
-from foresight_env.envs.world import World, stacked
+from foresight_env.envs.core import checks
+from foresight_env.envs.core.behaviours import BehaviourSetting, SolverReport
+from foresight_env.envs.core.checks import no_type_check
+from foresight_env.envs.core.episode import Episode
+from foresight_env.envs.core.motion import advance, applicable, observe
+from foresight_env.envs.core.overlay import Overlay
+from foresight_env.envs.core.scene import Own, Scene
+from foresight_env.envs.core.world import World, stacked
 
 Info = dict[str, Any]
 Results = tuple[
@@ -240,7 +240,7 @@ class WorldParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
         """Draw this over the scene from now on, until the next call or `reset`."""
         if not isinstance(overlay, Overlay):
             raise ValueError(
-                f"overlay: is {overlay!r}; expected foresight_env.envs.overlay.Overlay"
+                f"overlay: is {overlay!r}; expected foresight_env.envs.core.overlay.Overlay"
             )
         self._overlay = overlay.checked(self._scene.players)
 
@@ -251,7 +251,7 @@ class WorldParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
             return None
         if self._episode is None:
             raise ResetNeeded("render: there is no episode; call reset first")
-        from foresight_env.envs.render import Frame, Renderer
+        from foresight_env.envs.rendering.render import Frame, Renderer
 
         if self._renderer is None:
             scenery, rate = self._world.scenery, self.metadata["render_fps"]

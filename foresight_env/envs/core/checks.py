@@ -11,8 +11,8 @@ import numpy as np
 from gymnasium.spaces import Box
 from jaxtyping import Float, Float32
 
-from foresight_env.envs.oracle import BEHAVIOURS, BehaviourFactory
-from foresight_env.envs.world import World
+from foresight_env.envs.core.behaviours import BEHAVIOURS, BehaviourFactory
+from foresight_env.envs.core.world import World
 from foresight_env.games import Game
 from foresight_env.highway.ranges import DrivingRanges
 from foresight_env.scenarios.crosswalk import Proximity, Ranges

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float
 
-from foresight_env.envs.footprints import Footprint
-from foresight_env.envs.scene import GOALS, OthersBelief
-from foresight_env.envs.scenery import Scenery
+from foresight_env.envs.core.footprints import Footprint
+from foresight_env.envs.core.scene import GOALS, OthersBelief
+from foresight_env.envs.core.scenery import Scenery
 from foresight_env.games import Game
 from foresight_env.scenarios.situation import Situation
 

@@ -8,8 +8,8 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from foresight_env.envs.functional_crosswalk import CrosswalkSetting, CrosswalkState
-from foresight_env.envs.oracle import NOTHING_SOLVED
+from foresight_env.envs.core.behaviours import NOTHING_SOLVED
+from foresight_env.envs.crosswalk.functional import CrosswalkSetting, CrosswalkState
 from foresight_env.equilibrium import Solution, Status
 from foresight_env.equilibrium.batch.solve_many import solve_checked
 from foresight_env.equilibrium.conditions.kkt import Iterate, Parameters

@@ -9,10 +9,10 @@ import numpy as np
 from highway_env.road.lane import AbstractLane, LineType
 from jaxtyping import Bool, Float
 
-from foresight_env.envs.footprints import Footprint, Motion, least_gaps
-from foresight_env.envs.scene import OthersBelief
-from foresight_env.envs.scenery import ASPHALT, STRIPE, Polygon, Scenery
-from foresight_env.envs.world import World
+from foresight_env.envs.core.footprints import Footprint, Motion, least_gaps
+from foresight_env.envs.core.scene import OthersBelief
+from foresight_env.envs.core.scenery import ASPHALT, STRIPE, Polygon, Scenery
+from foresight_env.envs.core.world import World
 from foresight_env.highway.axes import flipped_places
 from foresight_env.highway.likely_route import likely_path
 from foresight_env.highway.ranges import DrivingRanges

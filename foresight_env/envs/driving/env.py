@@ -95,14 +95,14 @@ from __future__ import annotations
 from functools import partial
 from typing import Any, ClassVar, Literal
 
-from foresight_env.envs import checks
-from foresight_env.envs.checks import no_type_check
-from foresight_env.envs.drivers import IdmDrivers, MixedDrivers
-from foresight_env.envs.driving_world import driving_world
-from foresight_env.envs.oracle import BEHAVIOURS, BehaviourFactory
-from foresight_env.envs.parallel import WorldParallelEnv
-from foresight_env.envs.scene import Observation
-from foresight_env.envs.single import SingleAgentEnv, single_metadata
+from foresight_env.envs.core import checks
+from foresight_env.envs.core.behaviours import BEHAVIOURS, BehaviourFactory
+from foresight_env.envs.core.checks import no_type_check
+from foresight_env.envs.core.parallel import WorldParallelEnv
+from foresight_env.envs.core.scene import Observation
+from foresight_env.envs.core.single import SingleAgentEnv, single_metadata
+from foresight_env.envs.driving.drivers import IdmDrivers, MixedDrivers
+from foresight_env.envs.driving.world import driving_world
 from foresight_env.highway.ranges import DrivingRanges
 from foresight_env.highway.scenes import LEAST_CARS, MOST_CARS, SCENES, DrivingScene
 from foresight_env.scenarios.driving import HORIZON

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Bool, Float
 
-from foresight_env.envs.world import World
+from foresight_env.envs.core.world import World
 from foresight_env.scenarios.situation import Situation
 
 

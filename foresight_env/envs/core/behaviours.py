@@ -12,7 +12,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from jaxtyping import Float
 
-from foresight_env.envs.motion import brake
+from foresight_env.envs.core.motion import brake
 from foresight_env.equilibrium import Solution, Status, shift, solve
 from foresight_env.games import Game
 from foresight_env.scenarios.situation import Situation

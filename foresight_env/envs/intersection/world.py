@@ -6,9 +6,9 @@ import jax
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from foresight_env.envs.footprints import Footprint, Motion, least_gaps
-from foresight_env.envs.scenery import ASPHALT, PAVEMENT, STRIPE, Disc, Polygon, Scenery
-from foresight_env.envs.world import World
+from foresight_env.envs.core.footprints import Footprint, Motion, least_gaps
+from foresight_env.envs.core.scenery import ASPHALT, PAVEMENT, STRIPE, Disc, Polygon, Scenery
+from foresight_env.envs.core.world import World
 from foresight_env.games.roads import BesideRoads, Point
 from foresight_env.precision import in_double_precision
 from foresight_env.scenarios.intersection import PEDESTRIAN_SHRINK, is_walking

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from foresight_env.envs.style import Colour
+from foresight_env.envs.rendering.style import Colour
 from foresight_env.games.roads import Point
 
 PAVEMENT: Colour = (240, 238, 233)

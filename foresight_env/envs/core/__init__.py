@@ -1,0 +1,1 @@
+"""What every environment shares: episodes, worlds, scenes and checks."""

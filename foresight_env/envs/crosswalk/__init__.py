@@ -1,0 +1,1 @@
+"""The crosswalk: PettingZoo, Gymnasium, functional and vector environments."""

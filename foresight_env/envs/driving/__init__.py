@@ -1,0 +1,1 @@
+"""Cars on highway-env's roads."""

@@ -1,0 +1,1 @@
+"""The intersection with pedestrians and cars."""
