@@ -1,12 +1,12 @@
 """Predictors and ego policies."""
 
-from agents.encounter_predictor import EncounterPredictor
-from agents.foresight import Foresight, farsighted
-from agents.kinematic import ConstantTurnRatePredictor, ConstantVelocityPredictor
-from agents.oracle import Oracle
-from agents.policy import Decision, EgoPolicy
-from agents.predict_then_plan import PredictThenPlan, constant_velocity
-from agents.predictor import Forecast, FunctionPredictor, History, Predictor
+from agents.egos.foresight import Foresight, farsighted
+from agents.egos.oracle import Oracle
+from agents.egos.predict_then_plan import PredictThenPlan, constant_velocity
+from agents.interfaces.policy import Decision, EgoPolicy
+from agents.interfaces.predictor import Forecast, FunctionPredictor, History, Predictor
+from agents.predictors.encounter import EncounterPredictor
+from agents.predictors.kinematic import ConstantTurnRatePredictor, ConstantVelocityPredictor
 from agents.registry import EGOS, PREDICTORS, make_ego, make_predictor
 
 __all__ = [

@@ -17,8 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from agents.policy import EgoPolicy
-from agents.predictor import History, Predictor
+from agents.interfaces.policy import EgoPolicy
+from agents.interfaces.predictor import History, Predictor
 from foresight_env.envs.crosswalk_v0 import parallel_env
 
 PROBABILITY_TOLERANCE = 1e-5

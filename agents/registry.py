@@ -8,23 +8,23 @@ from importlib import import_module
 from inspect import Parameter, isfunction, signature
 from typing import Any
 
-from agents.encounter_predictor import EncounterPredictor
-from agents.foresight import Foresight, farsighted
-from agents.idm_predictor import IdmPredictor
-from agents.kalman import KalmanPredictor
-from agents.kinematic import (
+from agents.egos.foresight import Foresight, farsighted
+from agents.egos.oracle import Oracle
+from agents.egos.predict_then_plan import PredictThenPlan, constant_velocity
+from agents.interfaces.policy import EgoPolicy
+from agents.interfaces.predictor import FunctionPredictor, Predictor
+from agents.predictors.encounter import EncounterPredictor
+from agents.predictors.idm import IdmPredictor
+from agents.predictors.kalman import KalmanPredictor
+from agents.predictors.kinematic import (
     ConstantTurnRateAccelerationPredictor,
     ConstantTurnRatePredictor,
     ConstantVelocityPredictor,
 )
-from agents.kkt_residual import KktResidualPredictor
-from agents.oracle import Oracle
-from agents.orca import OrcaPredictor
-from agents.particle_filter import ParticleFilterPredictor
-from agents.policy import EgoPolicy
-from agents.predict_then_plan import PredictThenPlan, constant_velocity
-from agents.predictor import FunctionPredictor, Predictor
-from agents.social_force import SocialForcePredictor
+from agents.predictors.kkt_residual import KktResidualPredictor
+from agents.predictors.orca import OrcaPredictor
+from agents.predictors.particle_filter import ParticleFilterPredictor
+from agents.predictors.social_force import SocialForcePredictor
 
 EGOS: dict[str, Callable[[], EgoPolicy[Any]]] = {
     "oracle": Oracle,
@@ -35,7 +35,7 @@ EGOS: dict[str, Callable[[], EgoPolicy[Any]]] = {
 
 
 def _idm() -> EgoPolicy[Any]:
-    from agents.idm import Idm  # loads highway-env, which the other egos do without
+    from agents.egos.idm import Idm  # loads highway-env, which the other egos do without
 
     return Idm()
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from agents.predictor import Forecast, History
+from agents.interfaces.predictor import Forecast, History
 from agents.registry import make_predictor
 from evaluation import prediction_window
 from evaluation.compiled import until_forgotten

@@ -26,7 +26,7 @@ from itertools import combinations
 import numpy as np
 from jaxtyping import Bool, Float
 
-from agents.predictor import History
+from agents.interfaces.predictor import History
 from foresight_env.datasets import Interaction, Recording, closest_crossings
 
 STEP_SECONDS = 0.4

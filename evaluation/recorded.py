@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from agents.predictor import Forecast
+from agents.interfaces.predictor import Forecast
 from agents.registry import make_predictor
 from evaluation.metrics import displacement
 from evaluation.prediction_window import LEAST_OBSERVED, Grid, PredictionWindow, cut

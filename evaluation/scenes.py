@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float32
 
+from agents.egos.predict_then_plan import history_of
+from agents.interfaces.predictor import History
 from agents.learned.features import AGENTS, Features, features_of, targets_of
-from agents.predict_then_plan import history_of
-from agents.predictor import History
 from evaluation.places import setting_of
 from evaluation.prediction_window import (
     LEAST_OBSERVED,

@@ -10,7 +10,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from agents.predict_then_plan import history_of
+from agents.egos.predict_then_plan import history_of
 from evaluation.closed_loop import episode
 from evaluation.places import setting_of
 from evaluation.prediction_window import LEAST_OBSERVED, STEP_SECONDS, PredictionWindow

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Float32
 
-from agents.predictor import History
+from agents.interfaces.predictor import History
 from foresight_env.scenarios.encounter import is_vehicle
 
 STEP = 0.4

@@ -12,13 +12,13 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
-from agents.kinematic import ConstantVelocityPredictor
+from agents.interfaces.predictor import Forecast, History
 from agents.learned.features import AGENTS, AHEAD, STEP, Frames, features_of, straight
 from agents.learned.head import Futures
 from agents.learned.interaction_transformer import InteractionTransformer
 from agents.learned.social_lstm import SocialLstm
 from agents.learned.weights import FOLDER, load_network
-from agents.predictor import Forecast, History
+from agents.predictors.kinematic import ConstantVelocityPredictor
 
 NETWORKS: dict[str, Any] = {"social-lstm": SocialLstm, "transformer": InteractionTransformer}
 """Forecasters by name."""

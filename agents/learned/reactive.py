@@ -13,12 +13,12 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
+from agents.egos.perception import Perception
+from agents.interfaces.policy import Decision
 from agents.learned.cloning import CloningNetwork
 from agents.learned.crosswalk_window import WINDOW, crosswalk_window
 from agents.learned.policy_network import PolicyNetwork
 from agents.learned.weights import FOLDER, load_network
-from agents.perception import Perception
-from agents.policy import Decision
 from foresight_env.envs.core.scene import Scene
 from foresight_env.scenarios.crosswalk import CONTROL_LIMIT
 

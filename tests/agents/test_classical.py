@@ -6,13 +6,13 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from agents import History
-from agents.idm_predictor import IdmPredictor
-from agents.kalman import KalmanPredictor
-from agents.kinematic import ConstantTurnRateAccelerationPredictor
-from agents.orca import half_plane, nearest_velocity
-from agents.predict_then_plan import feared_positions
-from agents.predictor import Forecast
-from agents.social_force import SocialForcePredictor
+from agents.egos.predict_then_plan import feared_positions
+from agents.interfaces.predictor import Forecast
+from agents.predictors.idm import IdmPredictor
+from agents.predictors.kalman import KalmanPredictor
+from agents.predictors.kinematic import ConstantTurnRateAccelerationPredictor
+from agents.predictors.orca import half_plane, nearest_velocity
+from agents.predictors.social_force import SocialForcePredictor
 
 DT = 0.2
 WALKER, CAR = (0.5, 0.5), (4.0, 2.0)

@@ -8,7 +8,7 @@ import pytest
 
 from agents import PREDICTORS, Decision, make_ego, make_predictor
 from agents.conformance import ConformanceError, check_ego, check_predictor, histories
-from agents.kinematic import ConstantVelocityPredictor
+from agents.predictors.kinematic import ConstantVelocityPredictor
 from agents.registry import CROSSWALK_EGOS
 from foresight_env.envs.crosswalk_v0 import parallel_env
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from small import HORIZON, STEPS, crossing, drive, ego
 
-import agents.planning
+import agents.egos.planning
 from agents import EGOS, Decision, Oracle, constant_velocity, make_ego
 from foresight_env.equilibrium import Status
 from foresight_env.games import inside_bounds
@@ -145,14 +145,14 @@ def test_the_oracle_needs_the_truth():
 
 
 def failing(monkeypatch):
-    real = agents.planning.solve
+    real = agents.egos.planning.solve
 
     def solve(*args, **kwargs):
         found = real(*args, **kwargs)
         wrong = tuple(np.full_like(u, np.nan) for u in found.controls)
         return found._replace(status=np.asarray(int(Status.ITERATION_LIMIT)), controls=wrong)
 
-    monkeypatch.setattr(agents.planning, "solve", solve)
+    monkeypatch.setattr(agents.egos.planning, "solve", solve)
 
 
 @pytest.mark.parametrize("name", EGOS)

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from agents import History
-from agents.encounter_fit import EncounterBelief
-from agents.kkt_residual import KktResidualPredictor, _conditions
-from agents.particle_filter import ParticleFilterPredictor
+from agents.predictors.encounter_fit import EncounterBelief
+from agents.predictors.kkt_residual import KktResidualPredictor, _conditions
+from agents.predictors.particle_filter import ParticleFilterPredictor
 from foresight_env.equilibrium import Status, solve
 from foresight_env.scenarios.encounter import encounter_game, player_theta
 

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 from agents.conformance import histories
+from agents.interfaces.predictor import History
 from agents.learned.crosswalk_window import crosswalk_window
 from agents.learned.features import AGENTS, AHEAD, STEP, features_of, targets_of
 from agents.learned.gamma import learned_gamma
@@ -23,7 +24,6 @@ from agents.learned.predictor import NETWORKS, LearnedPredictor, resampled
 from agents.learned.reactive import REACTIVE, ReactiveEgo
 from agents.learned.training import Schedule, train
 from agents.learned.weights import FOLDER, load_network, packed
-from agents.predictor import History
 from foresight_env.envs.crosswalk_v0 import parallel_env
 
 MOST_BYTES = 2_000_000

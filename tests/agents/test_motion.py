@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.motion import (
+from agents.egos.motion import (
     FIT_STEPS,
     extrapolate,
     fit_constant_velocity,

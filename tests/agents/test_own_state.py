@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from agents.own_state import OwnState, _moved, follow_own_state, observation_variance
-from agents.perception import Perception
+from agents.egos.own_state import OwnState, _moved, follow_own_state, observation_variance
+from agents.egos.perception import Perception
 from foresight_env.envs.crosswalk_v0 import parallel_env
 from foresight_env.envs.driving_v0 import parallel_env as driving_env
 from foresight_env.games import DoubleIntegrator

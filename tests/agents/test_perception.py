@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from small import crossing
 
-from agents.perception import Perception
-from agents.predict_then_plan import PredictThenPlan
+from agents.egos.perception import Perception
+from agents.egos.predict_then_plan import PredictThenPlan
 from foresight_env.scenarios.crosswalk import DT
 
 VELOCITY = np.array([0.3, -0.2])

@@ -12,7 +12,7 @@ from agents import (
     Predictor,
     make_predictor,
 )
-from agents.encounter_fit import LEAST_SPEED
+from agents.predictors.encounter_fit import LEAST_SPEED
 from foresight_env.inverse import Estimate
 
 DT = 0.4

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from agents import FunctionPredictor, PredictThenPlan, make_ego, make_predictor
-from agents.idm import Idm
-from agents.kalman import KalmanPredictor
-from agents.kinematic import ConstantVelocityPredictor
+from agents.egos.idm import Idm
+from agents.predictors.kalman import KalmanPredictor
+from agents.predictors.kinematic import ConstantVelocityPredictor
 
 SOURCE = """
-from agents.kalman import KalmanPredictor
-from agents.idm import Idm
+from agents.predictors.kalman import KalmanPredictor
+from agents.egos.idm import Idm
 import numpy as np
 
 ready = KalmanPredictor(name="ready")

@@ -6,7 +6,7 @@ import gymnasium
 import numpy as np
 import pytest
 
-from agents.oracle import Oracle
+from agents.egos.oracle import Oracle
 from foresight_env.envs import intersection_v0
 from foresight_env.envs.core import behaviours as oracle
 from foresight_env.envs.intersection.world import intersection_world

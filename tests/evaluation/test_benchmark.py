@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from agents.predictor import History, single
+from agents.interfaces.predictor import History, single
 from evaluation import benchmark_study, options, prediction, simulated_windows
 from evaluation.benchmark_command import PLACE_NAMES, PLANNED_NAMES
 from evaluation.benchmark_page import write_page

@@ -10,10 +10,10 @@ import pytest
 from PIL import Image
 from typer.testing import CliRunner
 
+from agents.egos.predict_then_plan import history_of
 from agents.learned.features import AHEAD, features_of, targets_of
 from agents.learned.predictor import LearnedPredictor
 from agents.learned.reactive import ReactiveEgo
-from agents.predict_then_plan import history_of
 from evaluation.command_line import app
 from evaluation.generation import FIRST_SEED, MOST, episodes_in, generate, run_episode
 from evaluation.learning import calibration, forecast_data, observed_states

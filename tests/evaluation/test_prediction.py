@@ -8,7 +8,7 @@ import pytest
 from made_crossings import FRAMES, RATE, recording, two_people, walk
 from rich.console import Console
 
-from agents.predictor import Forecast, History, single
+from agents.interfaces.predictor import Forecast, History, single
 from evaluation import prediction, prediction_report
 from evaluation.prediction import judged, overlaps, study
 from evaluation.prediction_window import (

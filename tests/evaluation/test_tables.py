@@ -9,7 +9,7 @@ import pytest
 from made_rows import episode_rows, estimation_rows
 from rich.console import Console
 
-from agents.predictor import Forecast, History
+from agents.interfaces.predictor import Forecast, History
 from evaluation import figures, naming, tables
 from evaluation.closed_loop import summarise
 from evaluation.prediction_window import PredictionWindow

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from agents.encounter_fit import EncounterBelief, latest_wish, seen_states, wandering
-from agents.kinematic import ConstantVelocityPredictor
-from agents.predictor import Forecast, History
+from agents.interfaces.predictor import Forecast, History
+from agents.predictors.encounter_fit import EncounterBelief, latest_wish, seen_states, wandering
+from agents.predictors.kinematic import ConstantVelocityPredictor
 from foresight_env.equilibrium import Status
 from foresight_env.games import full_state
 from foresight_env.inverse import Estimate, Free, MultiStart, Prior, estimate, guess_initial_states

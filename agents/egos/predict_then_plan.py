@@ -14,11 +14,11 @@ import numpy as np
 from jaxtyping import Float
 from scipy.stats import norm
 
-from agents.kinematic import ConstantVelocityPredictor
-from agents.perception import Perception
-from agents.planning import Plan, plan_response
-from agents.policy import Decision
-from agents.predictor import Forecast, History, Predictor
+from agents.egos.perception import Perception
+from agents.egos.planning import Plan, plan_response
+from agents.interfaces.policy import Decision
+from agents.interfaces.predictor import Forecast, History, Predictor
+from agents.predictors.kinematic import ConstantVelocityPredictor
 from foresight_env.envs.core.scene import Scene
 from foresight_env.games import Dynamics, Vehicle
 from foresight_env.games.motion import moving_state, planar_velocity

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from agents.predictor import Forecast, History
+from agents.interfaces.predictor import Forecast, History
 from foresight_env.scenarios.encounter import is_vehicle
 
 

@@ -16,9 +16,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from agents.encounter_fit import EncounterBelief, filled_states, latest_wish, wandering
-from agents.kinematic import ConstantVelocityPredictor
-from agents.predictor import Forecast, History
+from agents.interfaces.predictor import Forecast, History
+from agents.predictors.encounter_fit import EncounterBelief, filled_states, latest_wish, wandering
+from agents.predictors.kinematic import ConstantVelocityPredictor
 from foresight_env.equilibrium import Solution, Status, solve_many
 from foresight_env.scenarios.encounter import (
     CURVATURE_LIMIT,

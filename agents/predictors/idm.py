@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from agents.bodies import body_size, recent_turn, wanted_velocities
-from agents.predictor import Forecast, History, single
+from agents.interfaces.predictor import Forecast, History, single
+from agents.predictors.bodies import body_size, recent_turn, wanted_velocities
 from foresight_env.games.arc import arc
 from foresight_env.scenarios.encounter import is_vehicle
 

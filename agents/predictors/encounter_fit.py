@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from agents.kinematic import turn_rate
-from agents.predictor import History
+from agents.interfaces.predictor import History
+from agents.predictors.kinematic import turn_rate
 from foresight_env.games.arc import arc
 from foresight_env.scenarios.encounter import CURVATURE_LIMIT, is_vehicle
 from foresight_env.scenarios.intersection import driving_states

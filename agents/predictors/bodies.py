@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from agents.kinematic import turn_rate
-from agents.predictor import History
+from agents.interfaces.predictor import History
+from agents.predictors.kinematic import turn_rate
 from foresight_env.games.arc import arc
 from foresight_env.scenarios.encounter import is_vehicle
 from foresight_env.scenarios.junction import CAR_LENGTH, CAR_WIDTH, PEDESTRIAN_RADIUS

@@ -13,12 +13,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from agents.motion import player_positions, present_state
-from agents.own_state import observation_variance
-from agents.perception import Perception
-from agents.planning import QUICK_STEPS, Plan, plan_equilibrium
-from agents.policy import Decision
-from agents.predict_then_plan import PlanMemory, constant_velocity
+from agents.egos.motion import player_positions, present_state
+from agents.egos.own_state import observation_variance
+from agents.egos.perception import Perception
+from agents.egos.planning import QUICK_STEPS, Plan, plan_equilibrium
+from agents.egos.predict_then_plan import PlanMemory, constant_velocity
+from agents.interfaces.policy import Decision
 from foresight_env.envs.core.scene import Scene
 from foresight_env.inverse import Estimate, Free, OnlineEstimator, OnlineState, Prior
 

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from agents.policy import Decision
+from agents.interfaces.policy import Decision
 from foresight_env.envs.core.motion import braking
 from foresight_env.envs.core.scene import Scene
 from foresight_env.equilibrium import Solution, Status, shift, solve

@@ -19,9 +19,9 @@ import numpy as np
 from jaxtyping import Array, Float
 from scipy.optimize import least_squares
 
-from agents.encounter_fit import LEAST_SPEED, EncounterBelief, filled_states, latest_wish
-from agents.kinematic import ConstantVelocityPredictor
-from agents.predictor import Forecast, History
+from agents.interfaces.predictor import Forecast, History
+from agents.predictors.encounter_fit import LEAST_SPEED, EncounterBelief, filled_states, latest_wish
+from agents.predictors.kinematic import ConstantVelocityPredictor
 from foresight_env.equilibrium import Status, solve
 from foresight_env.games import stage_cost
 from foresight_env.precision import in_double_precision

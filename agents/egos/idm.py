@@ -18,8 +18,8 @@ from highway_env.vehicle.behavior import IDMVehicle
 from highway_env.vehicle.kinematics import Vehicle
 from jaxtyping import Float
 
-from agents.perception import Perception
-from agents.policy import Decision
+from agents.egos.perception import Perception
+from agents.interfaces.policy import Decision
 from foresight_env.envs.core.scene import Scene
 from foresight_env.highway.axes import flipped_controls, flipped_places, flipped_states
 

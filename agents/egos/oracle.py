@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from agents.planning import Plan, plan_equilibrium
-from agents.policy import Decision
+from agents.egos.planning import Plan, plan_equilibrium
+from agents.interfaces.policy import Decision
 from foresight_env.envs.core.scene import Scene
 from foresight_env.envs.core.world import unstacked
 

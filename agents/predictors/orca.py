@@ -15,8 +15,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.optimize import linprog
 
-from agents.bodies import body_radius, wanted_velocities
-from agents.predictor import Forecast, History, single
+from agents.interfaces.predictor import Forecast, History, single
+from agents.predictors.bodies import body_radius, wanted_velocities
 
 SUBSTEP = 0.2
 """Longest time for which a velocity is kept, s."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from agents.predictor import Forecast, History, single
+from agents.interfaces.predictor import Forecast, History, single
 from foresight_env.games.arc import arc
 from foresight_env.scenarios.encounter import is_vehicle
 from foresight_env.scenarios.intersection import driving_states

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from agents.bodies import body_size, wanted_velocities
-from agents.predictor import Forecast, History, single
+from agents.interfaces.predictor import Forecast, History, single
+from agents.predictors.bodies import body_size, wanted_velocities
 from foresight_env.scenarios.encounter import is_vehicle
 
 SUBSTEP = 0.05

@@ -7,10 +7,10 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from agents.motion import FIT_STEPS, extrapolate, player_positions, present_state
-from agents.own_state import OwnState, follow_own_state
-from agents.planning import within_limits
-from agents.policy import Decision
+from agents.egos.motion import FIT_STEPS, extrapolate, player_positions, present_state
+from agents.egos.own_state import OwnState, follow_own_state
+from agents.egos.planning import within_limits
+from agents.interfaces.policy import Decision
 from foresight_env.envs.core.motion import braking
 from foresight_env.envs.core.scene import Scene
 

@@ -1,0 +1,1 @@
+"""Ego policies and what they share: perception and planning."""

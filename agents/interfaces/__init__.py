@@ -1,0 +1,1 @@
+"""Protocols of predictors and ego policies."""

@@ -1,0 +1,1 @@
+"""Classical and game-theoretic predictors."""
