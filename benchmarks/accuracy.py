@@ -12,12 +12,19 @@ from matplotlib.figure import Figure
 
 from benchmarks.report import Result, Row, Setting
 from benchmarks.timing import ROOT
-from evaluation import estimation
-from evaluation.estimation import LEAST_STD, OBSERVATIONS, bound, joint, observation_model, truth
-from evaluation.figures import save
-from evaluation.metrics import trajectory_error
-from evaluation.naming import colour_of, label_of
-from evaluation.store import Row as Trial
+from evaluation.execution.store import Row as Trial
+from evaluation.metrics.trajectory import trajectory_error
+from evaluation.reports.figures import save
+from evaluation.reports.naming import colour_of, label_of
+from evaluation.studies import estimation
+from evaluation.studies.estimation import (
+    LEAST_STD,
+    OBSERVATIONS,
+    bound,
+    joint,
+    observation_model,
+    truth,
+)
 from foresight_env.inverse import Free, MultiStart, Prior, estimate
 from foresight_env.scenarios.crosswalk import MONTE_CARLO, crosswalk_game
 

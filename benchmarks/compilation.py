@@ -10,7 +10,7 @@ import json
 import sys
 
 from benchmarks.timing import seconds_of
-from evaluation import estimation
+from evaluation.studies import estimation
 from foresight_env.equilibrium import solve
 from foresight_env.scenarios.crosswalk import MONTE_CARLO, Proximity, crosswalk_game
 

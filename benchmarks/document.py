@@ -15,7 +15,7 @@ from importlib.metadata import version
 
 from benchmarks.report import Result
 from benchmarks.timing import ROOT, Yardstick, processor
-from evaluation.store import write_atomically
+from evaluation.execution.store import write_atomically
 from foresight_env import __version__
 
 DOCUMENT = ROOT / "docs" / "benchmarks.md"

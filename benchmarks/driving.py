@@ -9,9 +9,9 @@ from itertools import product
 from agents.registry import DRIVING_EGOS
 from benchmarks.report import Result, Row, Setting
 from benchmarks.timing import Yardstick
-from evaluation.driving_report import OTHERS
-from evaluation.driving_study import DrivingSetting, paired, study, summarise
-from evaluation.endings import COLLISION, OFF_ROAD, REACHED
+from evaluation.reports.driving import OTHERS
+from evaluation.rollout.endings import COLLISION, OFF_ROAD, REACHED
+from evaluation.studies.driving import DrivingSetting, paired, study, summarise
 from foresight_env.highway.scenes import SCENES
 
 BEHAVIOURS = ("receding", "idm")

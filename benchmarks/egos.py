@@ -8,8 +8,8 @@ from pathlib import Path
 from agents import EGOS
 from benchmarks.report import Result, Row, Setting
 from benchmarks.timing import Yardstick
-from evaluation.closed_loop import MAX_STEPS, paired_difference, study, summarise
-from evaluation.statistics import Interval
+from evaluation.metrics.statistics import Interval
+from evaluation.studies.closed_loop import MAX_STEPS, paired_difference, study, summarise
 
 
 def told(interval: Interval) -> str:

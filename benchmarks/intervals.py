@@ -8,7 +8,7 @@ import numpy as np
 
 from benchmarks.report import Result, Row, Setting
 from benchmarks.timing import Yardstick
-from evaluation.estimation import OBSERVATIONS, fit, gamma_covered
+from evaluation.studies.estimation import OBSERVATIONS, fit, gamma_covered
 from foresight_env.equilibrium import Status
 from foresight_env.inverse import Estimate, Profile
 from foresight_env.scenarios.crosswalk import MONTE_CARLO

@@ -10,7 +10,7 @@ import numpy as np
 
 from benchmarks.report import Result, Row, Setting
 from benchmarks.timing import CompileTime, Yardstick, compile_seconds, median_seconds
-from evaluation.estimation import FREE, fit, observation_model, observe, truth
+from evaluation.studies.estimation import FREE, fit, observation_model, observe, truth
 from foresight_env.equilibrium import Status
 from foresight_env.inverse import (
     Estimate,

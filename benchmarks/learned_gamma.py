@@ -13,9 +13,9 @@ from agents.learned.gamma import learned_gamma
 from agents.learned.gamma_network import WINDOW
 from benchmarks.report import Result, Row, Setting
 from benchmarks.timing import Yardstick
-from evaluation.generation import generate
-from evaluation.learning import observed_states
-from evaluation.places import setting_of
+from evaluation.rollout.places import setting_of
+from evaluation.training.generation import generate
+from evaluation.training.supervised import observed_states
 from foresight_env.envs.rendering.style import INTERVAL_DEVIATIONS
 
 GUESS = "always the middle of the range"

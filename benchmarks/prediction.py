@@ -8,8 +8,8 @@ from typing import Any
 
 from agents import PREDICTORS
 from benchmarks.report import Result, Row, Setting
-from evaluation.prediction import study
-from evaluation.prediction_report import by_class, differences, over_time, summary
+from evaluation.reports.prediction import by_class, differences, over_time, summary
+from evaluation.studies.prediction import study
 
 TITLE = "Predictions on recordings"
 QUICK = ("constant-velocity", "constant-turn-rate")
@@ -18,8 +18,8 @@ TABLES: tuple[tuple[str, Callable[[Sequence[dict[str, Any]]], list[Row]], str], 
     (
         TITLE,
         summary,
-        "Every window of `evaluation.prediction_window`'s rule: agents whose paths cross, who come "
-        "within 5 m, up to 3 s given and 4 s predicted. Means over windows. Missed: agents "
+        "Every window of `evaluation.windows.interaction`'s rule: agents whose paths cross, who "
+        "come within 5 m, up to 3 s given and 4 s predicted. Means over windows. Missed: agents "
         "predicted more than 2 m off at the last step they are there. Touch: pairs predicted to "
         "touch (recorded: that did). Settings were chosen on the development recordings.",
     ),

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.report import Result, Row, Setting
-from evaluation.intersection_study import METHODS, by_agent, fit, observe, predict, straight
-from evaluation.intersection_window import Case, Choice, difference, load
+from evaluation.studies.intersection import METHODS, by_agent, fit, observe, predict, straight
+from evaluation.windows.intersection import Case, Choice, difference, load
 from foresight_env.datasets import closest_crossings, open_recording
 
 TITLE = "Recorded windows at an intersection"

@@ -1,5 +1,5 @@
 """`python -m evaluation` is the command `foresight`."""
 
-from evaluation.command_line import main
+from evaluation.cli.app import main
 
 main()

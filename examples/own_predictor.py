@@ -11,8 +11,8 @@ import numpy as np
 
 from agents import FunctionPredictor, History, make_predictor
 from agents.conformance import check_predictor
-from evaluation.prediction import judged
-from evaluation.simulated_windows import simulated_windows
+from evaluation.studies.prediction import judged
+from evaluation.windows.simulated import simulated_windows
 
 RELAXATION = 2.0
 """Time after which somebody has lost two thirds of the speed, s."""

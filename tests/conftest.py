@@ -14,7 +14,7 @@ import jax
 import matplotlib
 import pytest
 
-from evaluation.compiled import forget_if_many
+from evaluation.execution.compilation import forget_if_many
 
 # No test opens a window.
 matplotlib.use("Agg")
@@ -32,7 +32,7 @@ jax.config.update(
 )
 
 MOST_MEMORY_MAPS = 20_000
-"""See `evaluation.compiled`; the next file may compile much."""
+"""See `evaluation.execution.compilation`; the next file may compile much."""
 
 
 @pytest.fixture(scope="module", autouse=True)

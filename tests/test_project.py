@@ -77,7 +77,7 @@ def unknown_globals(module):
     return found - known
 
 
-EXTRAS = {"evaluation.reinforcement": "stable_baselines3"}
+EXTRAS = {"evaluation.training.reinforcement": "stable_baselines3"}
 """Modules that only an extra lets one import."""
 
 
@@ -144,7 +144,7 @@ def commands():
 @pytest.mark.parametrize("line", commands())
 def test_documented_commands_exist(line):
     """Every name and option that documentation tells is one; nothing is run."""
-    from evaluation.command_line import app
+    from evaluation.cli.app import app
 
     command, words = typer.main.get_command(app), shlex.split(line)[1:]
     while words and words[0] in getattr(command, "commands", {}):

@@ -20,7 +20,7 @@ LEAST_SPEED = 0.5
 class EncounterBelief(NamedTuple):
     """What is believed of people and vehicles before they are seen.
 
-    Settings were chosen on the development recordings of `evaluation.prediction_window`, those of
+    Settings were chosen on the development recordings of `evaluation.windows.interaction`, those of
     discount factors in the manner of empirical Bayes.
     """
 

@@ -25,7 +25,7 @@ class KalmanPredictor:
     walking: float = 0.06
     """Power spectral density of people's acceleration per axis, m^2/s^3: velocities change by its
     root times that of the time that passes. All three of best likelihood on the development
-    recordings of `evaluation.prediction_window`, of a few values tried."""
+    recordings of `evaluation.windows.interaction`, of a few values tried."""
     driving: float = 0.5
     """And of vehicles'."""
 

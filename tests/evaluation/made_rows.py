@@ -1,6 +1,6 @@
 """Rows of studies as the tests of tables and figures need them."""
 
-from evaluation import estimation
+from evaluation.studies import estimation
 
 
 def estimation_rows():

@@ -8,8 +8,8 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from evaluation.store import Store
-from evaluation.trials import run_trials
+from evaluation.execution.runner import run_trials
+from evaluation.execution.store import Store
 
 KEY = ("ego", "seed")
 EGOS = ("a", "b")

@@ -10,13 +10,16 @@ import pytest
 from typer.testing import CliRunner
 
 from agents.interfaces.predictor import History, single
-from evaluation import benchmark_study, options, prediction, simulated_windows
-from evaluation.benchmark_command import PLACE_NAMES, PLANNED_NAMES
-from evaluation.benchmark_page import write_page
-from evaluation.benchmark_results import closed_part, common, open_part, write_csv
-from evaluation.benchmark_study import Plan
-from evaluation.command_line import app
-from evaluation.places import PLACES
+from evaluation.cli import options
+from evaluation.cli.app import app
+from evaluation.cli.benchmark import PLACE_NAMES, PLANNED_NAMES
+from evaluation.reports.benchmark_page import write_page
+from evaluation.reports.benchmark_results import closed_part, common, open_part, write_csv
+from evaluation.rollout.places import PLACES
+from evaluation.studies import benchmark as benchmark_study
+from evaluation.studies import prediction
+from evaluation.studies.benchmark import Plan
+from evaluation.windows import simulated as simulated_windows
 
 
 def driven(seed, time=3.0, collision=False, reached=True):

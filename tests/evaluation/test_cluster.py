@@ -13,9 +13,9 @@ import stand_in
 
 pytest.importorskip("distributed")
 
-from evaluation.attempt import Attempt
-from evaluation.store import Store
-from evaluation.workers import results
+from evaluation.execution.local import results
+from evaluation.execution.store import Store
+from evaluation.execution.trial import Attempt
 
 FOLDERS = (Path(stand_in.__file__).parent, Path(stand_in.__file__).parents[2])
 ATTEMPT = Attempt(stand_in.trial, stand_in.KEY)
@@ -78,16 +78,16 @@ def test_a_worker_that_is_killed_costs_no_row(tmp_path, scheduler, worker):
 
 
 def test_workers_that_cannot_be_used(scheduler, worker, monkeypatch):
-    monkeypatch.setattr("evaluation.cluster.PATIENCE", 1.0)
+    monkeypatch.setattr("evaluation.execution.dask.PATIENCE", 1.0)
     with pytest.raises(OSError, match="no Dask scheduler answers at"):
         next(results(ATTEMPT, [{}], "tcp://127.0.0.1:9"))
-    monkeypatch.setattr("evaluation.cluster.PATIENCE", 20.0)
+    monkeypatch.setattr("evaluation.execution.dask.PATIENCE", 20.0)
     worker("--nthreads", "2")
     with pytest.raises(OSError, match="has 2 threads; start them with --nthreads 1"):
         next(results(ATTEMPT, [{}], scheduler))
 
 
 def test_without_workers(scheduler, monkeypatch):
-    monkeypatch.setattr("evaluation.cluster.PATIENCE", 5.0)
+    monkeypatch.setattr("evaluation.execution.dask.PATIENCE", 5.0)
     with pytest.raises(OSError, match="has no workers; start some: dask worker"):
         next(results(ATTEMPT, [{}], scheduler))

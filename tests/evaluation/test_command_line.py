@@ -9,12 +9,11 @@ from typer.testing import CliRunner
 
 from agents import EGOS, PREDICTORS
 from agents.registry import CROSSWALK_EGOS, DRIVING_EGOS
-from evaluation import command_line, options
-from evaluation.command_line import app
-from evaluation.generation import FIRST_SEED
-from evaluation.learning import TRAINABLE
-from evaluation.learning_commands import PPO, SPLITS, TRAINABLE_NAMES
-from evaluation.options import (
+from evaluation.cli import app as command_line
+from evaluation.cli import options
+from evaluation.cli.app import app
+from evaluation.cli.learn import PPO, SPLITS, TRAINABLE_NAMES
+from evaluation.cli.options import (
     ALL_EGO_NAMES,
     CROSSWALK_EGO_NAMES,
     DRIVING_EGO_NAMES,
@@ -22,7 +21,9 @@ from evaluation.options import (
     PREDICTOR_NAMES,
     Scene,
 )
-from evaluation.sample import write_sample
+from evaluation.samples.recording import write_sample
+from evaluation.training.generation import FIRST_SEED
+from evaluation.training.supervised import TRAINABLE
 from foresight_env.envs.rendering.style import COLOURS
 from foresight_env.highway.scenes import SCENES
 
@@ -193,7 +194,9 @@ def test_nothing_to_evaluate(tmp_path):
 
 def test_egos_named_twice_count_once(tmp_path, monkeypatch):
     asked = []
-    monkeypatch.setattr("evaluation.demonstration.evaluate_crosswalk", lambda *a: asked.append(a))
+    monkeypatch.setattr(
+        "evaluation.cli.demonstration.evaluate_crosswalk", lambda *a: asked.append(a)
+    )
     result = call("evaluate", "crosswalk", "--egos", "oracle, farsighted,oracle")
     assert result.exit_code == 0, result.output
     assert asked[0][4] == ("oracle", "farsighted")
@@ -250,7 +253,7 @@ def test_an_interruption(tmp_path, monkeypatch, sample):
     def interrupted(*arguments):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("evaluation.demonstration.estimate_recorded", interrupted)
+    monkeypatch.setattr("evaluation.cli.demonstration.estimate_recorded", interrupted)
     result = call("estimate", sample, "--out", tmp_path)
     assert result.exit_code == 130
     assert result.stderr == "foresight: interrupted; finished trials are kept\n"

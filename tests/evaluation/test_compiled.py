@@ -3,8 +3,8 @@
 import jax
 import jax.numpy as jnp
 
-from evaluation.attempt import Attempt
-from evaluation.compiled import forget_if_many, until_forgotten
+from evaluation.execution.compilation import forget_if_many, until_forgotten
+from evaluation.execution.trial import Attempt
 
 
 def test_what_was_warmed_up_is_warmed_up_again_once_programs_are_forgotten():
@@ -33,6 +33,6 @@ def test_what_was_warmed_up_is_warmed_up_again_once_programs_are_forgotten():
 
 def test_trials_begin_with_it(monkeypatch):
     counted = []
-    monkeypatch.setattr("evaluation.attempt.forget_if_many", lambda: counted.append(1))
+    monkeypatch.setattr("evaluation.execution.trial.forget_if_many", lambda: counted.append(1))
     assert Attempt(lambda seed: {"value": seed}, ("seed",))({"seed": 3})["value"] == 3
     assert counted == [1]

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from evaluation.digits import significant
+from evaluation.reports.digits import significant
 
 
 @pytest.mark.parametrize(

@@ -2,8 +2,8 @@
 
 import pytest
 
-from evaluation.driving_study import paired, summarise, time_to_goal
-from evaluation.endings import COLLISION, OFF_ROAD, REACHED, TIME_OUT, ending
+from evaluation.rollout.endings import COLLISION, OFF_ROAD, REACHED, TIME_OUT, ending
+from evaluation.studies.driving import paired, summarise, time_to_goal
 
 
 def row(ego, seed, ended, time, gap, **others):

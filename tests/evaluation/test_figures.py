@@ -5,9 +5,9 @@ import pytest
 from made_rows import episode_rows, estimation_rows
 from PIL import Image
 
-from evaluation import figures
-from evaluation.closed_loop import paired_difference, summarise
-from evaluation.heatmap import heatmap
+from evaluation.reports import figures
+from evaluation.studies.closed_loop import paired_difference, summarise
+from evaluation.studies.heatmap import heatmap
 from foresight_env.scenarios.crosswalk import HEATMAP
 
 

@@ -8,19 +8,21 @@ from PIL import Image
 from rich.console import Console
 from typer.testing import CliRunner
 
-from evaluation import command_line, intersection_study, options
-from evaluation.intersection_report import (
+from evaluation.cli import app as command_line
+from evaluation.cli import options
+from evaluation.metrics.statistics import mean_and_error
+from evaluation.reports.intersection import (
     error_over_noise,
     print_errors,
     print_gammas,
     print_predictions,
     snapshot,
 )
-from evaluation.intersection_study import METHODS, observe, predict, straight, study
-from evaluation.intersection_window import Case, Choice, WindowError, difference, fitted_game, load
-from evaluation.junction_sample import FRAMES, TRACKS, write_junction_sample
-from evaluation.report import write_report
-from evaluation.statistics import mean_and_error
+from evaluation.reports.page import write_report
+from evaluation.samples.junction import FRAMES, TRACKS, write_junction_sample
+from evaluation.studies import intersection as intersection_study
+from evaluation.studies.intersection import METHODS, observe, predict, straight, study
+from evaluation.windows.intersection import Case, Choice, WindowError, difference, fitted_game, load
 from foresight_env.scenarios.junction import LANES
 
 

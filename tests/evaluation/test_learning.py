@@ -14,13 +14,13 @@ from agents.egos.predict_then_plan import history_of
 from agents.learned.features import AHEAD, features_of, targets_of
 from agents.learned.predictor import LearnedPredictor
 from agents.learned.reactive import ReactiveEgo
-from evaluation.command_line import app
-from evaluation.generation import FIRST_SEED, MOST, episodes_in, generate, run_episode
-from evaluation.learning import calibration, forecast_data, observed_states
-from evaluation.places import PLACES, setting_of
-from evaluation.prediction_window import LEAST_OBSERVED, STEP_SECONDS
-from evaluation.sample import write_sample
-from evaluation.scenes import mirrored, recorded_scenes, simulated_scenes
+from evaluation.cli.app import app
+from evaluation.rollout.places import PLACES, setting_of
+from evaluation.samples.recording import write_sample
+from evaluation.training.examples import mirrored, recorded_scenes, simulated_scenes
+from evaluation.training.generation import FIRST_SEED, MOST, episodes_in, generate, run_episode
+from evaluation.training.supervised import calibration, forecast_data, observed_states
+from evaluation.windows.interaction import LEAST_OBSERVED, STEP_SECONDS
 from foresight_env.datasets import open_recording
 
 
@@ -159,7 +159,7 @@ def test_calibration_finds_the_factor():
 
     from agents.learned.features import Features
     from agents.learned.head import Futures
-    from evaluation.scenes import Scenes
+    from evaluation.training.examples import Scenes
 
     random = np.random.default_rng(0)
     target = random.normal(size=(200, 2, AHEAD, 2)).astype(np.float32)

@@ -6,7 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from evaluation.metrics import (
+from evaluation.metrics.statistics import mean_interval, share_interval
+from evaluation.metrics.trajectory import (
     LEAST_DEVIATION,
     at_fault,
     best_displacement,
@@ -17,7 +18,6 @@ from evaluation.metrics import (
     negative_log_likelihood,
     trajectory_error,
 )
-from evaluation.statistics import mean_interval, share_interval
 
 FINITE = st.floats(-1e3, 1e3)
 

@@ -5,7 +5,7 @@ import re
 import pytest
 
 from agents.registry import CROSSWALK_EGOS, DRIVING_EGOS, PREDICTORS
-from evaluation.naming import COLOURS, LABELS, colour_of, label_of
+from evaluation.reports.naming import COLOURS, LABELS, colour_of, label_of
 
 
 @pytest.mark.parametrize("names", [PREDICTORS, DRIVING_EGOS, CROSSWALK_EGOS])

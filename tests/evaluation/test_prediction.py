@@ -9,9 +9,10 @@ from made_crossings import FRAMES, RATE, recording, two_people, walk
 from rich.console import Console
 
 from agents.interfaces.predictor import Forecast, History, single
-from evaluation import prediction, prediction_report
-from evaluation.prediction import judged, overlaps, study
-from evaluation.prediction_window import (
+from evaluation.reports import prediction as prediction_report
+from evaluation.studies import prediction
+from evaluation.studies.prediction import judged, overlaps, study
+from evaluation.windows.interaction import (
     DEVELOPMENT,
     LEAST_OBSERVED,
     LEAST_PREDICTED,

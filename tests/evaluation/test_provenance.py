@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from agents.registry import DRIVING_EGOS, PREDICTORS, make_ego, make_predictor
-from evaluation.provenance import fingerprint
+from evaluation.execution.provenance import fingerprint
 
 
 @pytest.mark.parametrize("name", PREDICTORS)

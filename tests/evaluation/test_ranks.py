@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from evaluation.ranks import LEAST_GROUPS, Rank, ranks
+from evaluation.metrics.ranks import LEAST_GROUPS, Rank, ranks
 
 
 def test_what_is_clear_is_exact():

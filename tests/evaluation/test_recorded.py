@@ -5,10 +5,10 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from evaluation.metrics import displacement
-from evaluation.prediction_window import Grid
-from evaluation.recorded import PREDICTORS, EncounterError, encounters, forecast
-from evaluation.sample import made_recording, true_gammas, write_sample
+from evaluation.metrics.trajectory import displacement
+from evaluation.samples.recording import made_recording, true_gammas, write_sample
+from evaluation.windows.encounters import PREDICTORS, EncounterError, encounters, forecast
+from evaluation.windows.interaction import Grid
 from foresight_env.datasets import RecordingError, open_recording
 
 

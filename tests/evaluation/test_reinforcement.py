@@ -7,7 +7,7 @@ pytest.importorskip("stable_baselines3")
 
 from agents.learned.policy_network import SCALE, policy_network
 from agents.learned.training import Schedule
-from evaluation.reinforcement import PENALTY, REWARD_SCALE, Crosswalks, reinforce
+from evaluation.training.reinforcement import PENALTY, REWARD_SCALE, Crosswalks, reinforce
 from foresight_env.envs.crosswalk.vector import CrosswalkVectorEnv
 from foresight_env.scenarios.crosswalk import CONTROL_LIMIT
 

@@ -13,19 +13,19 @@ from PIL import Image
 from rich.table import Table
 
 from agents import make_ego
-from evaluation import closed_loop, estimation, prediction
-from evaluation.closed_loop import EGO_GAMMA, ClosedLoop
-from evaluation.comparison_page import write_comparison
-from evaluation.endings import COLLISION, REACHED
-from evaluation.notes import Notes
-from evaluation.present import present
-from evaluation.provenance import fingerprint
-from evaluation.published import compared
-from evaluation.replay import replay
-from evaluation.report import write_report
-from evaluation.run_setting import RunSetting
-from evaluation.sample import write_sample
-from evaluation.store import Results, Store, StoreError
+from evaluation.execution.latest_rows import present
+from evaluation.execution.provenance import fingerprint
+from evaluation.execution.store import Results, Store, StoreError
+from evaluation.reports.comparison import write_comparison
+from evaluation.reports.notes import Notes
+from evaluation.reports.page import write_report
+from evaluation.reports.published import compared
+from evaluation.reports.replay import replay
+from evaluation.rollout.endings import COLLISION, REACHED
+from evaluation.rollout.setting import RunSetting
+from evaluation.samples.recording import write_sample
+from evaluation.studies import closed_loop, estimation, prediction
+from evaluation.studies.closed_loop import EGO_GAMMA, ClosedLoop
 
 STEPS = ("state", "seen", "planned", "predicted", "gammas", "failed")
 

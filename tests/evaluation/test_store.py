@@ -12,11 +12,11 @@ from pathlib import Path
 import pytest
 import stand_in
 
-import evaluation.store as store_module
-from evaluation import closed_loop, estimation
-from evaluation.attempt import Attempt
-from evaluation.store import Store, StoreError, read_results
-from evaluation.trials import run_trials
+import evaluation.execution.store as store_module
+from evaluation.execution.runner import run_trials
+from evaluation.execution.store import Store, StoreError, read_results
+from evaluation.execution.trial import Attempt
+from evaluation.studies import closed_loop, estimation
 from foresight_env.files import write_atomically
 
 ROWS = stand_in.SEEDS * len(stand_in.EGOS)

@@ -10,11 +10,11 @@ from made_rows import episode_rows, estimation_rows
 from rich.console import Console
 
 from agents.interfaces.predictor import Forecast, History
-from evaluation import figures, naming, tables
-from evaluation.closed_loop import summarise
-from evaluation.prediction_window import PredictionWindow
-from evaluation.recorded import PREDICTORS, Encounter, Judged
-from evaluation.terminal import terminal
+from evaluation.cli.terminal import terminal
+from evaluation.reports import figures, naming, tables
+from evaluation.studies.closed_loop import summarise
+from evaluation.windows.encounters import PREDICTORS, Encounter, Judged
+from evaluation.windows.interaction import PredictionWindow
 from foresight_env.datasets import Interaction
 
 

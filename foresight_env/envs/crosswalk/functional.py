@@ -5,9 +5,9 @@
     state, step = advance(setting, state, action)
     seen = observe(setting, state, noise_key)
 
-The same world as `foresight_env.envs.crosswalk.env`, which documents spaces, rewards and ends; the ego
-is player 0. Arrays have the caller's precision; the solver works in double precision whatever
-that is. Nothing is checked and nothing restarts by itself: `CrosswalkVectorEnv` does both.
+The same world as `foresight_env.envs.crosswalk.env`, which documents spaces, rewards and ends.
+The ego is player 0. Arrays have the caller's precision; the solver works in double precision.
+Nothing is checked and nothing restarts by itself: `CrosswalkVectorEnv` does both.
 """
 
 from __future__ import annotations

@@ -1,0 +1,171 @@
+"""The command `foresight`: run, evaluate, benchmark, report, generate, train, estimate, demo."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from evaluation.cli.benchmark import benchmark
+from evaluation.cli.evaluate import evaluate
+from evaluation.cli.learn import generate, train
+from evaluation.cli.options import (
+    EGO_HELP,
+    REACTIVE_NAMES,
+    Behaviour,
+    Observed,
+    OutOption,
+    Scenario,
+    Scene,
+    WorkersOption,
+    check_ego,
+    check_noise,
+    is_own,
+    look_here,
+    make_all,
+    plain_errors,
+)
+
+# Typer brings a copy of Click or not, by its version; its own error derives from the right one.
+UsageError: Any = typer.BadParameter.__mro__[1]
+
+app = typer.Typer(
+    help="Agents that differ in foresight: simulate them, infer it, judge who predicts best.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+app.add_typer(evaluate, name="evaluate")
+app.command("benchmark")(benchmark)
+app.command("generate")(generate)
+app.command("train")(train)
+
+
+@app.command()
+@plain_errors
+def run(
+    scenario: Annotated[Scenario, typer.Argument(help="Which scenario.")],
+    ego: Annotated[
+        str,
+        typer.Option(
+            callback=check_ego,
+            help=f"{EGO_HELP} In driving also idm, highway-env's own vehicle; at the crosswalk "
+            "also cloned and ppo, networks that decide without planning.",
+        ),
+    ] = "foresight",
+    seed: Annotated[int, typer.Option(min=0, help="Episode.")] = 0,
+    scene: Annotated[Scene, typer.Option(help="Of driving.")] = Scene.LEFT_TURN,
+    players: Annotated[
+        int | None, typer.Option(min=2, max=6, help="Number of agents or cars.")
+    ] = None,
+    observation: Annotated[Observed, typer.Option(help="What the ego sees.")] = Observed.FULL,
+    behaviour: Annotated[
+        Behaviour, typer.Option(help="What the others do; idm: cars of driving.")
+    ] = Behaviour.RECEDING,
+    noise_std: Annotated[
+        float | None,
+        typer.Option(min=0.0, help="Noise std of every observed coordinate; default: as usual."),
+    ] = None,
+    human: Annotated[bool, typer.Option("--human", help="Show it live in a window.")] = False,
+    out: OutOption = Path("results/run"),
+) -> None:
+    """Run one episode: table, picture, animation, inferred discount factors over time."""
+    if noise_std is not None:
+        check_noise(noise_std)
+    if is_own(ego):
+        make_all("--ego", [ego])
+    elif ego == "idm" and scenario is not Scenario.DRIVING:
+        raise ValueError(f"--ego: {ego} drives cars of the scenario driving only")
+    elif ego in REACTIVE_NAMES and scenario is not Scenario.CROSSWALK:
+        raise ValueError(f"--ego: {ego} walks in the scenario crosswalk only")
+    from evaluation.cli.demonstration import run_one
+    from evaluation.rollout.setting import RunSetting
+
+    setting = RunSetting(
+        scenario.value, scene.value, players, observation.value, noise_std, behaviour.value
+    )
+    run_one(ego, seed, setting, human, out)
+
+
+@app.command()
+@plain_errors
+def estimate(
+    file: Annotated[
+        Path, typer.Argument(help="A DUT (*_ped_filtered.csv), UCY (obsmat.txt) or inD recording.")
+    ],
+    ids: Annotated[
+        str | None, typer.Option(help="Two agents, such as 'veh:0,ped:6' (DUT) or '16,18' (UCY).")
+    ] = None,
+    count: Annotated[
+        int, typer.Option(min=0, help="Without --ids: how many closest crossings; 0 for all.")
+    ] = 3,
+    recording: Annotated[
+        str | None, typer.Option(help="Number of the recording in an inD folder, such as 07.")
+    ] = None,
+    pictures: Annotated[bool, typer.Option(help="Draw each encounter.")] = True,
+    out: OutOption = Path("results/estimate"),
+) -> None:
+    """Recorded data: infer on the first part of an encounter, predict the rest, compare."""
+    from evaluation.cli.demonstration import estimate_recorded
+
+    agents = None if ids is None else tuple(part.strip() for part in ids.split(","))
+    estimate_recorded(file, agents, count or None, recording, pictures, out)
+
+
+@app.command()
+@plain_errors
+def report(
+    folder: Annotated[Path, typer.Argument(help="A folder of results, of one study or several.")],
+    episodes: Annotated[
+        int, typer.Option(min=0, help="Per study, to be run again and stepped through.")
+    ] = 4,
+    markdown: Annotated[
+        Path | None,
+        typer.Option(help="Also write the paper's numbers beside these, as Markdown, here."),
+    ] = None,
+) -> None:
+    """One page from a folder of results: tables, figures, failures, and episodes to step through.
+
+    FOLDER/report.html needs no network; FOLDER/figures has every figure as PNG and PDF.
+    """
+    from evaluation.reports.comparison import write_comparison
+    from evaluation.reports.page import write_report
+
+    look_here()
+    if markdown is not None:
+        typer.echo(f"comparison: {write_comparison(folder, markdown)}")
+    typer.echo(f"page: {write_report(folder, episodes)}")
+
+
+@app.command()
+@plain_errors
+def demo(
+    data: Annotated[
+        Path | None,
+        typer.Option(help="A recording to end on; default: one that the project makes itself."),
+    ] = None,
+    workers: WorkersOption = None,
+    out: OutOption = Path("results/demo"),
+) -> None:
+    """The whole idea in about two minutes: agents, inference, comparison, recorded data."""
+    from evaluation.cli.demonstration import demonstrate
+
+    demonstrate(data, workers, out)
+
+
+def main() -> None:
+    """Run the command; whatever is wrong with its arguments is one line, and exit status 2."""
+    try:
+        status = app(standalone_mode=False, prog_name="foresight")
+    except UsageError as error:
+        told = " ".join(error.format_message().split())
+        if told:  # nothing when the command stands alone: then its help has been shown
+            typer.echo(f"foresight: {told}", err=True)
+        sys.exit(2)
+    sys.exit(status if isinstance(status, int) else 0)
+
+
+if __name__ == "__main__":
+    main()

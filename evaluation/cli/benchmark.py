@@ -1,0 +1,90 @@
+"""`foresight benchmark`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from evaluation.cli.options import (
+    ALL_EGO_NAMES,
+    PREDICTOR_NAMES,
+    Behaviour,
+    ClusterOption,
+    OutOption,
+    Scenario,
+    Scene,
+    Split,
+    WorkersOption,
+    chosen_agents,
+    chosen_workers,
+    listed,
+    plain_errors,
+)
+
+PLACE_NAMES = (Scenario.CROSSWALK.value, Scenario.INTERSECTION.value, *(s.value for s in Scene))
+PLANNED_NAMES = tuple(f"{name}+plan" for name in PREDICTOR_NAMES if name != "constant-velocity")
+"""The ego "constant-velocity" is the planner with that predictor already."""
+
+
+@plain_errors
+def benchmark(
+    data: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder of recordings (inD, DUT, UCY) for the open loop; without it, simulated "
+            "episodes alone."
+        ),
+    ] = None,
+    split: Annotated[
+        Split, typer.Option(help="Of the recordings; settings were chosen on development.")
+    ] = Split.TEST,
+    scenarios: Annotated[
+        str,
+        typer.Option(help=f"Comma-separated, of {', '.join(PLACE_NAMES)}; empty for none."),
+    ] = ",".join(PLACE_NAMES),
+    others: Annotated[
+        str, typer.Option(help="What drives the other cars, comma-separated: receding, idm.")
+    ] = Behaviour.RECEDING.value,
+    predictors: Annotated[
+        str, typer.Option(help="Comma-separated names or module:Class; all, or empty for none.")
+    ] = "all",
+    egos: Annotated[
+        str,
+        typer.Option(
+            help="Comma-separated names, PREDICTOR+plan or module:Class; all (the registered egos "
+            "and the planner with every predictor), or empty for none."
+        ),
+    ] = "all",
+    episodes: Annotated[int, typer.Option(min=1, help="Seeds per scenario.")] = 10,
+    workers: WorkersOption = None,
+    cluster: ClusterOption = None,
+    out: OutOption = Path("results/benchmark"),
+) -> None:
+    """Predictors and egos at every place, open loop and closed loop: tables, a CSV and a page.
+
+    An interrupted benchmark goes on where it stopped; more methods, scenarios or episodes are added
+    to what is there.
+    """
+    from evaluation.reports.benchmark import benchmark as run
+    from evaluation.studies.benchmark import Plan
+
+    plan = Plan(
+        listed("--scenarios", scenarios, PLACE_NAMES) if scenarios else (),
+        listed("--others", others, (Behaviour.RECEDING.value, Behaviour.IDM.value)),
+        _names("--predictors", predictors, PREDICTOR_NAMES),
+        _names("--egos", egos, (*ALL_EGO_NAMES, *PLANNED_NAMES)),
+        episodes,
+    )
+    if not (plan.places or data):
+        raise ValueError("--scenarios, --data: are both empty; there is nothing to run")
+    if not (plan.predictors or plan.egos):
+        raise ValueError("--predictors, --egos: are both empty; there is nothing to run")
+    run(plan, data, split.value, chosen_workers(workers, cluster), out)
+
+
+def _names(option: str, text: str, known: tuple[str, ...]) -> tuple[str, ...]:
+    if text == "all":
+        return known
+    return chosen_agents(option, text, known) if text else ()

@@ -1,0 +1,306 @@
+"""What the commands do, step by step, with words for the reader."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from evaluation.cli.terminal import terminal
+from evaluation.execution.local import Workers
+from evaluation.reports.driving import distances_over_time, print_driving
+from evaluation.reports.episode_pictures import draw_episode
+from evaluation.reports.figures import (
+    HEATMAP_NAME,
+    TRIAL_NAME,
+    closed_loop_summary,
+    error_against_noise,
+    objective_heatmap,
+    recorded_encounter,
+    representative_trial,
+)
+from evaluation.reports.intersection import (
+    SNAPSHOT,
+    error_over_noise,
+    print_errors,
+    print_gammas,
+    print_predictions,
+    snapshot,
+)
+from evaluation.reports.prediction import error_over_time, print_prediction
+from evaluation.reports.tables import (
+    print_closed_loop,
+    print_encounters,
+    print_estimation,
+    told_gamma,
+)
+from evaluation.rollout.endings import ending
+from evaluation.rollout.setting import RunSetting
+from evaluation.samples import junction as junction_sample
+from evaluation.samples.junction import write_junction_sample
+from evaluation.samples.recording import true_gammas, write_sample
+from evaluation.studies import closed_loop, estimation, prediction
+from evaluation.studies import driving as driving_study
+from evaluation.studies import intersection as intersection_study
+from evaluation.studies.closed_loop import ClosedLoop, episode, inferred, summarise
+from evaluation.studies.driving import DrivingSetting
+from evaluation.studies.heatmap import heatmap
+from evaluation.studies.intersection import check_moment, check_seen
+from evaluation.windows.encounters import PREDICTORS, encounters, forecast
+from evaluation.windows.intersection import Choice, load
+from foresight_env.inverse import Profile
+
+TRIAL_STD = 0.05
+"""Noise of the representative trial, m and m/s."""
+
+
+def run_one(ego: str, seed: int, setting: RunSetting, human: bool, out: Path) -> None:
+    """`foresight run`."""
+    console = terminal()
+    if human:
+        env = setting.make("human")
+        from evaluation.reports.episode_pictures import overlay_of
+
+        for step in episode(env, ego, seed, setting.gammas):
+            env.set_overlay(overlay_of(step, ego, setting))
+        env.close()
+    _draw(console, ego, seed, setting, out)
+
+
+def _draw(console: Console, ego: str, seed: int, setting: RunSetting, out: Path) -> None:
+    with console.status(f"the {ego} ego is on its way (the first steps compile)"):
+        shown = draw_episode(ego, seed, setting, out)
+    last = shown.steps[-1]
+    where = setting.scene if setting.scenario == "driving" else setting.scenario
+    table = Table(title=f"{where.replace('_', ' ')}, seed {seed}: ego {ego}")
+    table.add_column("quantity")
+    table.add_column("value", justify="right")
+    table.add_row("end", f"{ending(last.info)} after {last.info['time']:.1f} s")
+    table.add_row("smallest gap to somebody", f"{last.info['min_distance']:.2f} m")
+    for j, (mean, deviation) in last.decision.gammas.items():
+        gamma = setting.true_gammas(last.info)[j]
+        true = "none (plays no game)" if np.isnan(gamma) else f"{gamma:.2f}"
+        if inferred(ego, last.decision):
+            told = f"{told_gamma(mean, deviation)}, {true}"
+            table.add_row(f"gamma of agent {j}: inferred (±90 %), true", told)
+        else:
+            table.add_row(f"gamma of agent {j}: true", true)
+    milliseconds = 1e3 * np.array([s.latency for s in shown.steps[2:]])
+    if milliseconds.size:
+        table.add_row("decision, median", f"{np.median(milliseconds):.0f} ms")
+    table.add_row(
+        "failed plans, failed fits",
+        f"{sum(s.decision.failed for s in shown.steps)}, "
+        f"{sum(s.decision.stale for s in shown.steps)}",
+    )
+    console.print(table)
+    for path in (shown.animation, shown.still, shown.curve):
+        if path is not None:
+            _tell(console, path)
+
+
+def _tell(console: Console, picture: Path) -> None:
+    console.print(f"picture: {picture}", soft_wrap=True, markup=False)
+
+
+def evaluate_crosswalk(
+    episodes: int,
+    levels: int,
+    sequences: int,
+    grid: int,
+    egos: tuple[str, ...],
+    players: int,
+    observation: str,
+    noise_std: float,
+    workers: Workers,
+    out: Path,
+) -> None:
+    """`foresight evaluate crosswalk`."""
+    if not (episodes or levels or grid):
+        raise ValueError("--episodes, --levels, --grid: are all 0; there is nothing to evaluate")
+    console = terminal()
+    pictures: list[Path] = []
+    if episodes:
+        setting = ClosedLoop(players, observation, noise_std)
+        rows = closed_loop.study(
+            out / "closed_loop", egos, range(episodes), setting, workers=workers
+        )
+        print_closed_loop(console, [summarise(rows, e) for e in egos], rows)
+        pictures.append(closed_loop_summary(rows, egos, out / "closed_loop.png"))
+    if levels:
+        rows = estimation.study(out / "estimation", levels, sequences, workers=workers)
+        print_estimation(console, rows)
+        pictures.append(error_against_noise(rows, out / "error_against_noise.png"))
+        pictures.append(_trial(console, out))
+    if grid:
+        with console.status("heatmap of the objective"):
+            values = heatmap(grid)
+        if values.unsolved:
+            console.print(f"heatmap: {values.unsolved} of {grid**2} games not solved, left blank")
+        objective_heatmap(values, out / f"{HEATMAP_NAME}.pdf")
+        pictures.append(objective_heatmap(values, out / f"{HEATMAP_NAME}.png"))
+    for path in pictures:
+        _tell(console, path)
+
+
+def evaluate_driving(
+    episodes: int,
+    scenes: tuple[str, ...],
+    others: tuple[str, ...],
+    egos: tuple[str, ...],
+    setting: DrivingSetting,
+    workers: Workers,
+    out: Path,
+) -> None:
+    """`foresight evaluate driving`."""
+    console = terminal()
+    rows = driving_study.study(
+        out / "episodes", scenes, others, egos, range(episodes), setting, workers=workers
+    )
+    print_driving(console, rows, scenes, others, egos)
+    for scene in scenes:
+        for other in others:
+            path = out / f"{scene}_{other}.png"
+            _tell(console, distances_over_time(rows, scene, other, egos, path))
+
+
+def _trial(console: Console, out: Path) -> Path:
+    with console.status("representative trial"):
+        seen, _ = estimation.observe("full", TRIAL_STD, 0, "soft")
+        fits = {
+            m: estimation.fit("full", TRIAL_STD, 0, m, profile=Profile())
+            for m in estimation.METHODS
+        }
+        representative_trial(seen, fits, out / f"{TRIAL_NAME}.pdf")
+        return representative_trial(seen, fits, out / f"{TRIAL_NAME}.png")
+
+
+def evaluate_intersection(
+    choice: Choice | None,
+    levels: int,
+    sequences: int,
+    parameters: str,
+    at: int,
+    workers: Workers,
+    out: Path,
+) -> None:
+    """`foresight evaluate intersection`; without a choice, on a recording of the project's own."""
+    console = terminal()
+    if choice is None:
+        first, last = junction_sample.FRAMES
+        check_moment(at, (last - first) // junction_sample.EVERY + 1)
+        made = write_junction_sample(out / "recorded")
+        console.print(
+            "No --data given: this recording was made by the project itself, in inD's format, from "
+            f"a game with known discount factors: {', '.join(map(str, junction_sample.GAMMAS))}."
+        )
+        console.print(f"recording: {made}", soft_wrap=True, markup=False)
+        choice = Choice(
+            str(made),
+            junction_sample.TRACKS,
+            junction_sample.FRAMES,
+            junction_sample.EVERY,
+            str(junction_sample.NUMBER),
+        )
+    case = load(choice)
+    check_moment(at, len(case.states))
+    check_seen(case, at)  # now, not after the study
+    where = "the published junction" if case.at_aachen else "open ground"
+    agents, steps = ", ".join(case.agents), len(case.states)
+    console.print(f"{case.name}: {agents}; {steps} steps of {case.dt:.2f} s; {where}", markup=False)
+    rows = intersection_study.study(
+        out / "study", choice, levels, sequences, parameters=parameters, workers=workers
+    )
+    print_errors(console, rows)
+    print_gammas(console, rows)
+    with console.status("predicting from the first steps alone"):
+        predictions = intersection_study.predict(case, at, parameters)
+    print_predictions(console, case, at, predictions)
+    _tell(console, error_over_noise(rows, out / "error_against_noise.png"))
+    snapshot(case, at, predictions, out / f"{SNAPSHOT}.pdf")
+    _tell(console, snapshot(case, at, predictions, out / f"{SNAPSHOT}.png"))
+
+
+def evaluate_prediction(
+    data: Path | None,
+    predictors: Sequence[str],
+    split: str,
+    workers: Workers,
+    out: Path,
+) -> None:
+    """`foresight evaluate prediction`; without data, on a recording of the project's own."""
+    console = terminal()
+    if data is None:
+        data = write_sample(out / "recorded").parent
+        console.print(
+            "No --data given: this recording was made by the project itself, in the DUT format."
+        )
+    rows = prediction.study(out / "study", data, predictors, split=split, workers=workers)
+    print_prediction(console, rows)
+    _tell(console, error_over_time(rows, out / "error_over_time.png"))
+
+
+def estimate_recorded(
+    file: Path,
+    agents: tuple[str, ...] | None,
+    count: int | None,
+    recording: str | None,
+    pictures: bool,
+    out: Path,
+) -> None:
+    """`foresight estimate`."""
+    console = terminal()
+    # Everything that can be wrong with the input is found before anything is written.
+    chosen = encounters(file, agents=agents, count=count, recording_number=recording)
+    if pictures:
+        out.mkdir(parents=True, exist_ok=True)  # an unwritable folder is reported before the work
+    results = []
+    with console.status("inferring (the first fit compiles)"):
+        for encounter in chosen:
+            results.append((encounter, [forecast(encounter, p) for p in PREDICTORS]))
+    print_encounters(console, results)
+    if not pictures:
+        return
+    for encounter, forecasts in results:
+        window = encounter.window
+        names = "_".join(a.replace(":", "") for a in window.agents)
+        path = out / f"{window.recording}_{names}.png"
+        _tell(console, recorded_encounter(encounter, forecasts, path))
+
+
+def demonstrate(data: Path | None, workers: Workers, out: Path) -> None:
+    """`foresight demo`."""
+    console = terminal()
+    if data is not None:
+        encounters(data, count=2)  # a bad file is reported at once, not after two minutes
+    # The study comes first: its processes compile side by side what the later parts need.
+    console.rule("1. Does foresight help? Four egos, the same crossings")
+    egos = ("oracle", "foresight", "farsighted", "constant-velocity")
+    # What an earlier version left there would hide what this one does: the demo starts afresh.
+    rows = closed_loop.study(out / "closed_loop", egos, range(4), workers=workers, fresh=True)
+    print_closed_loop(console, [summarise(rows, e) for e in egos], rows)
+    _tell(console, closed_loop_summary(rows, egos, out / "closed_loop.png"))
+    console.rule("2. One of them: the ego infers the other's foresight while it walks")
+    _draw(console, "foresight", 0, RunSetting(noise_std=ClosedLoop().noise_std), out / "episode")
+    console.rule("3. How well can foresight be inferred? Error against noise")
+    # In this process: compiling takes longer than these few fits, and the next picture needs it.
+    rows = estimation.study(out / "estimation", 3, 3, observations=("full",), workers=0, fresh=True)
+    print_estimation(console, rows)
+    _tell(console, error_against_noise(rows, out / "error_against_noise.png"))
+    _tell(console, _trial(console, out))
+    console.rule("4. Recorded data")
+    if data is None:
+        told = ", ".join(f"{name} {gamma:g}" for name, gamma in true_gammas().items())
+        console.print(
+            "No --data given: this recording was made by the project itself, in the DUT format, "
+            f"from a game with known discount factors: {told}. Where such encounters are short, "
+            'the observations leave them "open".'
+        )
+        made = write_sample(out / "recorded")
+        console.print(f"recording: {made}", soft_wrap=True, markup=False)
+        estimate_recorded(made, None, 2, None, True, out / "recorded")
+    else:
+        estimate_recorded(data, None, 2, None, True, out / "recorded")

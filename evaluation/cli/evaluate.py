@@ -1,0 +1,240 @@
+"""`foresight evaluate`: methods over many trials."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from evaluation.cli.options import (
+    CROSSWALK_EGO_NAMES,
+    DRIVING_EGO_NAMES,
+    EGO_HELP,
+    EGO_NAMES,
+    PREDICTOR_NAMES,
+    Behaviour,
+    ClusterOption,
+    NoiseOption,
+    Observed,
+    OutOption,
+    PlayersOption,
+    Scene,
+    Split,
+    WorkersOption,
+    check_noise,
+    chosen_agents,
+    chosen_workers,
+    listed,
+    plain_errors,
+)
+
+evaluate = typer.Typer(no_args_is_help=True, help="Compare methods over many trials; figures.")
+
+
+@evaluate.command("crosswalk")
+@plain_errors
+def evaluate_crosswalk(
+    episodes: Annotated[
+        int, typer.Option(min=0, help="Seeds of the closed-loop study; 0 leaves it out.")
+    ] = 20,
+    levels: Annotated[
+        int, typer.Option(min=0, help="Noise levels of the estimation study; 0 leaves it out.")
+    ] = 6,
+    sequences: Annotated[int, typer.Option(min=1, help="Noisy sequences per level.")] = 10,
+    grid: Annotated[
+        int, typer.Option(min=0, help="Heatmap points per axis; 0 leaves it out.")
+    ] = 41,
+    egos: Annotated[
+        str,
+        typer.Option(
+            help=f"Egos of the closed-loop study, comma-separated; also cloned, ppo. {EGO_HELP}"
+        ),
+    ] = ",".join(EGO_NAMES),
+    players: PlayersOption = 2,
+    observation: Annotated[
+        Observed, typer.Option(help="What the egos see in the closed loop.")
+    ] = Observed.FULL,
+    noise_std: NoiseOption = 0.05,
+    workers: WorkersOption = None,
+    cluster: ClusterOption = None,
+    out: OutOption = Path("results/evaluate"),
+) -> None:
+    """Compare egos in the closed loop, and estimation errors over noise; tables and figures.
+
+    Interrupted studies go on where they stopped. The paper's size is --levels 50 --sequences 50.
+    """
+    names = chosen_agents("--egos", egos, CROSSWALK_EGO_NAMES)
+    check_noise(noise_std)
+    if grid == 1:
+        raise ValueError("--grid: is 1; a heatmap has at least 2 points per axis")
+    from evaluation.cli import demonstration
+
+    demonstration.evaluate_crosswalk(
+        episodes,
+        levels,
+        sequences,
+        grid,
+        names,
+        players,
+        observation.value,
+        noise_std,
+        chosen_workers(workers, cluster),
+        out,
+    )
+
+
+@evaluate.command("driving")
+@plain_errors
+def evaluate_driving(
+    episodes: Annotated[int, typer.Option(min=1, help="Noise seeds; the paper has 50.")] = 10,
+    scenes: Annotated[
+        str, typer.Option(help=f"Comma-separated, of {', '.join(Scene)}.")
+    ] = Scene.LEFT_TURN.value,
+    others: Annotated[
+        str,
+        typer.Option(help="What the other cars do, comma-separated: receding (the game), idm."),
+    ] = f"{Behaviour.RECEDING.value},{Behaviour.IDM.value}",
+    egos: Annotated[
+        str, typer.Option(help=f"Comma-separated, of {', '.join(DRIVING_EGO_NAMES)}.")
+    ] = ",".join(DRIVING_EGO_NAMES),
+    cars: Annotated[int, typer.Option(min=2, max=6, help="Number of cars.")] = 4,
+    observation: Annotated[Observed, typer.Option(help="What the egos see.")] = Observed.FULL,
+    noise_std: NoiseOption = 0.1,
+    workers: WorkersOption = None,
+    cluster: ClusterOption = None,
+    out: OutOption = Path("results/driving"),
+) -> None:
+    """Egos that turn, merge, change lanes and go round among other cars; tables and figures.
+
+    Interrupted studies go on where they stopped; more --episodes, --scenes or --egos are added to
+    what is there. Ten seeds of one scene take one to three minutes on two cores.
+    """
+    check_noise(noise_std)
+    chosen = (
+        listed("--scenes", scenes, tuple(Scene)),
+        listed("--others", others, tuple(Behaviour)),
+        chosen_agents("--egos", egos, DRIVING_EGO_NAMES),
+    )
+    from evaluation.cli import demonstration
+    from evaluation.studies.driving import DrivingSetting
+
+    setting = DrivingSetting(cars, noise_std, observation.value)
+    demonstration.evaluate_driving(
+        episodes, *chosen, setting, chosen_workers(workers, cluster), out
+    )
+
+
+class Place(StrEnum):
+    """What is known of the place of a recording."""
+
+    AUTO = "auto"
+    AACHEN = "aachen"
+    OPEN = "open"
+
+
+class Parameters(StrEnum):
+    """What is estimated beside discount factors."""
+
+    GOALS = "goals"
+    ALL = "all"
+
+
+def _frames(text: str) -> tuple[int, int]:
+    parts = text.split(":")
+    if len(parts) != 2 or not all(part.strip().isdecimal() for part in parts):
+        raise ValueError(f"--frames: is {text!r}; expected FIRST:LAST, such as 26158:26320")
+    return int(parts[0]), int(parts[1])
+
+
+@evaluate.command("intersection")
+@plain_errors
+def evaluate_intersection(
+    data: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder or file of recordings (inD, DUT, UCY); without it, a recording that the "
+            "project makes itself."
+        ),
+    ] = None,
+    recording: Annotated[
+        str | None, typer.Option(help="Which recording of a folder, such as 07 or intersection_15.")
+    ] = None,
+    tracks: Annotated[
+        str | None, typer.Option(help="Agents, such as 201,205,207,208 or veh:0,ped:6.")
+    ] = None,
+    frames: Annotated[
+        str | None,
+        typer.Option(help="FIRST:LAST, both included; default: while all of them are there."),
+    ] = None,
+    every: Annotated[int, typer.Option(min=1, help="Take every n-th frame.")] = 6,
+    place: Annotated[
+        Place,
+        typer.Option(
+            help="aachen: the published corners, sides and lanes; open: none; auto: the first for "
+            "inD tracks that lie there."
+        ),
+    ] = Place.AUTO,
+    parameters: Annotated[
+        Parameters,
+        typer.Option(help="Estimated beside gamma: goals, or weights and distances as well."),
+    ] = Parameters.GOALS,
+    levels: Annotated[int, typer.Option(min=1, help="Noise levels, std 0 to 0.1.")] = 6,
+    sequences: Annotated[int, typer.Option(min=1, help="Noisy sequences per level.")] = 10,
+    at: Annotated[int, typer.Option(help="Steps that the prediction's picture has seen.")] = 15,
+    workers: WorkersOption = None,
+    cluster: ClusterOption = None,
+    out: OutOption = Path("results/intersection"),
+) -> None:
+    """Recorded people and cars: estimation error over noise, and a prediction (paper, VI-B)."""
+    if data is None and (recording or tracks or frames):
+        raise ValueError("--recording, --tracks, --frames: need --data")
+    if data is not None and tracks is None:
+        raise ValueError("--tracks: is missing; name the agents, such as 201,205,207,208")
+    from evaluation.cli import demonstration
+    from evaluation.windows.intersection import Choice
+
+    choice = None
+    if data is not None:
+        names = tuple(name.strip() for name in (tracks or "").split(","))
+        span = None if frames is None else _frames(frames)
+        choice = Choice(str(data), names, span, every, recording, place.value)
+    demonstration.evaluate_intersection(
+        choice, levels, sequences, parameters.value, at, chosen_workers(workers, cluster), out
+    )
+
+
+@evaluate.command("prediction")
+@plain_errors
+def evaluate_prediction(
+    data: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder of recordings (inD, DUT, UCY), searched with all below it, or a file; "
+            "without it, a recording that the project makes itself."
+        ),
+    ] = None,
+    predictors: Annotated[
+        str,
+        typer.Option(
+            help=f"Comma-separated, of {', '.join(PREDICTOR_NAMES)}; your own as module:Class."
+        ),
+    ] = ",".join(PREDICTOR_NAMES),
+    split: Annotated[
+        Split,
+        typer.Option(
+            help="development: the recordings that settings were chosen on; test: all others."
+        ),
+    ] = Split.ALL,
+    workers: WorkersOption = None,
+    cluster: ClusterOption = None,
+    out: OutOption = Path("results/prediction"),
+) -> None:
+    """Predict recorded agents who interact: errors over 1 to 4 s, misses, overlaps, latency."""
+    names = chosen_agents("--predictors", predictors, PREDICTOR_NAMES)
+    from evaluation.cli import demonstration
+
+    demonstration.evaluate_prediction(
+        data, names, split.value, chosen_workers(workers, cluster), out
+    )

@@ -1,0 +1,106 @@
+"""`foresight generate` and `foresight train`."""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from evaluation.cli.benchmark import PLACE_NAMES
+from evaluation.cli.options import (
+    ClusterOption,
+    OutOption,
+    WorkersOption,
+    chosen_workers,
+    listed,
+    plain_errors,
+)
+
+SPLITS = ("train", "validation", "test")
+FORECASTERS = ("social-lstm", "transformer")
+PPO = "ppo"
+"""Learns by trying; all others from data."""
+TRAINABLE_NAMES = (*FORECASTERS, "gamma", "cloned", PPO)
+
+
+@plain_errors
+def generate(
+    scenarios: Annotated[
+        str, typer.Argument(help=f"Comma-separated, of {', '.join(PLACE_NAMES)}.")
+    ] = "crosswalk",
+    episodes: Annotated[int, typer.Option(min=1, help="Of every scenario.")] = 100,
+    split: Annotated[
+        str, typer.Option(help="train, validation or test: each has seeds of its own.")
+    ] = "train",
+    workers: WorkersOption = None,
+    cluster: ClusterOption = None,
+    out: OutOption = Path("results/episodes"),
+) -> None:
+    """Make a data set of episodes: states, observations, controls, goals, discount factors.
+
+    In OUT/SPLIT, as Parquet; what is there already is kept.
+    """
+    places = listed("SCENARIOS", scenarios, PLACE_NAMES)
+    if split not in SPLITS:
+        raise ValueError(f"--split: is {split!r}; choose from {', '.join(SPLITS)}")
+    from evaluation.training.generation import generate as run
+
+    rows = run(out / split, places, episodes, split, chosen_workers(workers, cluster))
+    broken = [row for row in rows if row["error"]]
+    typer.echo(f"episodes: {len(rows) - len(broken)} in {out / split}")
+    for row in broken[:3]:
+        typer.echo(f"broken: {row['place']} {row['seed']}: {row['error']}", err=True)
+
+
+@plain_errors
+def train(
+    name: Annotated[str, typer.Argument(help=f"One of {', '.join(TRAINABLE_NAMES)}.")],
+    episodes: Annotated[
+        str, typer.Option(help="Folders of foresight generate, comma-separated; ppo needs none.")
+    ] = "results/episodes",
+    data: Annotated[
+        Path | None,
+        typer.Option(help="Folder of recordings; those that tests are made on are left out."),
+    ] = None,
+    epochs: Annotated[int, typer.Option(min=1, help="At most.")] = 100,
+    batch: Annotated[
+        int, typer.Option(min=1, help="Examples per step (of ppo: steps per update).")
+    ] = 64,
+    rate: Annotated[float, typer.Option(min=0.0, help="Learning rate at the start.")] = 2e-3,
+    decay: Annotated[float, typer.Option(min=0.0, help="Of weights (AdamW).")] = 0.1,
+    patience: Annotated[
+        int, typer.Option(min=1, help="Epochs without a better validation that end it.")
+    ] = 15,
+    seed: Annotated[int, typer.Option(min=0, help="Of weights and order.")] = 0,
+    out: OutOption = Path("results/training"),
+) -> None:
+    """Train a network; a training that was interrupted goes on, to the same end.
+
+    OUT/NAME gets the weights, what they are of, and the learning curve.
+    """
+    listed("NAME", name, TRAINABLE_NAMES)
+    if data is not None and name not in FORECASTERS:
+        raise ValueError(f"--data: {name} learns from episodes only; leave it out")
+    from agents.learned.training import Epoch, Schedule
+
+    def told(epoch: Epoch) -> None:
+        typer.echo(f"epoch {epoch.number}: {epoch.train:.4f}, validation {epoch.validation:.4f}")
+
+    folders = [Path(part.strip()) for part in episodes.split(",") if part.strip()]
+    schedule = Schedule(epochs, batch, rate, decay, patience, seed)
+    if name == PPO:
+        if not find_spec("stable_baselines3"):
+            raise ValueError(f"{name}: needs the extra rl; pip install 'foresight_env[rl]'")
+        from evaluation.training.reinforcement import reinforce
+
+        found = reinforce(out / name, schedule, told)
+    else:
+        from evaluation.training.supervised import learn
+
+        found = learn(name, folders, data, out / name, schedule, told)
+    best = found.curve[found.best]
+    typer.echo(f"kept: epoch {best.number}, validation {best.validation:.4f}")
+    typer.echo(f"weights: {out / name / f'{name}.safetensors'}")
+    typer.echo(f"curve: {out / name / 'curve.png'}")

@@ -1,0 +1,194 @@
+"""What the commands have in common: names, options, checks, and how errors are told."""
+
+from __future__ import annotations
+
+import math
+import os
+import sys
+from collections.abc import Callable, Sequence
+from enum import StrEnum
+from functools import wraps
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+EGO_NAMES = ("oracle", "foresight", "farsighted", "constant-velocity")
+EGO_HELP = (
+    "One of oracle, foresight (in tables: gamma inferred), farsighted (gamma = 1), "
+    "constant-velocity; PREDICTOR+plan, the same planner with any predictor; or your own as "
+    "module:Class."
+)
+
+
+DRIVING_EGO_NAMES = (*EGO_NAMES, "idm")
+REACTIVE_NAMES = ("cloned", "ppo")
+CROSSWALK_EGO_NAMES = (*EGO_NAMES, *REACTIVE_NAMES)
+ALL_EGO_NAMES = (*DRIVING_EGO_NAMES, *REACTIVE_NAMES)
+
+
+class Scenario(StrEnum):
+    """Scenarios that can be run."""
+
+    CROSSWALK = "crosswalk"
+    INTERSECTION = "intersection"
+    DRIVING = "driving"
+
+
+class Scene(StrEnum):
+    """Scenes of driving."""
+
+    LEFT_TURN = "left_turn"
+    MERGE = "merge"
+    LANE_CHANGE = "lane_change"
+    ROUNDABOUT = "roundabout"
+
+
+class Observed(StrEnum):
+    """What agents and estimators see."""
+
+    FULL = "full"
+    POSITIONS = "positions"
+
+
+class Behaviour(StrEnum):
+    """What the agents do that nobody controls."""
+
+    RECEDING = "receding"
+    OPEN_LOOP = "open_loop"
+    IDM = "idm"
+
+
+def keep_compiled_programs() -> None:
+    """Let JAX keep compiled programs between runs, unless the user has said where or whether."""
+    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(cache / "foresight_env" / "jax"))
+    os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.3")
+
+
+def plain_errors(command: Callable[..., None]) -> Callable[..., None]:
+    """Expected errors end in one line on standard error and exit status 2."""
+
+    @wraps(command)
+    def wrapped(*args: Any, **kwargs: Any) -> None:
+        keep_compiled_programs()
+        from foresight_env.equilibrium import (
+            SolveError,  # loads JAX, which --help must not wait for
+        )
+
+        try:
+            command(*args, **kwargs)
+        except (ValueError, OSError, SolveError) as error:
+            typer.echo(f"foresight: {' '.join(str(error).split())}", err=True)
+            raise typer.Exit(2) from error
+        except KeyboardInterrupt:
+            typer.echo("foresight: interrupted; finished trials are kept", err=True)
+            raise typer.Exit(130) from None
+
+    return wrapped
+
+
+def is_own(name: str) -> bool:
+    """Whether it names what the registry makes of a predictor's name or of a user's module."""
+    return ":" in name or name.endswith("+plan")
+
+
+def check_ego(name: str) -> str:
+    """For the option `--ego`: a name that is known, or one's own."""
+    if name not in ALL_EGO_NAMES and not is_own(name):
+        raise typer.BadParameter(f"{name!r} is unknown; choose from {', '.join(ALL_EGO_NAMES)}")
+    return name
+
+
+def listed(option: str, text: str, known: Sequence[str]) -> tuple[str, ...]:
+    """Names of a comma-separated option, each once."""
+    names = tuple(dict.fromkeys(name.strip() for name in text.split(",")))
+    unknown = [name for name in names if name not in known]
+    if unknown:
+        raise ValueError(f"{option}: {unknown[0]!r} is unknown; choose from {', '.join(known)}")
+    return names
+
+
+def chosen_agents(option: str, text: str, known: Sequence[str]) -> tuple[str, ...]:
+    """The same, where names may also be what the registry can make."""
+    names = tuple(dict.fromkeys(name.strip() for name in text.split(",")))
+    listed(option, ",".join(name for name in names if not is_own(name)) or known[0], known)
+    make_all(option, [name for name in names if is_own(name)])
+    return names
+
+
+def look_here() -> None:
+    """As `python -m` does: a user's module is in the folder that the command runs in.
+
+    Worker processes take the path over.
+    """
+    if os.getcwd() not in sys.path:
+        sys.path.insert(0, os.getcwd())
+
+
+def make_all(option: str, names: Sequence[str]) -> None:
+    """Make agents once, so that what is wrong with them is told before anything runs."""
+    if not names:
+        return
+    look_here()
+    from agents.registry import make_ego, make_predictor
+
+    for name in names:
+        (make_predictor if option == "--predictors" else make_ego)(name)
+
+
+def check_noise(std: float) -> None:
+    """For the option `--noise-std`, whose lower limit lets NaN through."""
+    if not math.isfinite(std):
+        raise ValueError(f"--noise-std: is {std}; expected a finite number")
+
+
+OutOption = Annotated[Path, typer.Option(help="Folder for results and pictures.")]
+PlayersOption = Annotated[int, typer.Option(min=2, max=6, help="Number of agents.")]
+NoiseOption = Annotated[
+    float, typer.Option(min=0.0, help="Noise std of every observed coordinate, m and m/s.")
+]
+WorkersOption = Annotated[
+    int | None,
+    typer.Option(min=0, help="Processes; 0 runs in this one, default one per core."),
+]
+ClusterOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="ADDRESS", help="Run on a Dask cluster: its scheduler, as tcp://host:8786."
+    ),
+]
+
+
+def chosen_workers(workers: int | None, cluster: str | None) -> int | str | None:
+    """What `--workers` and `--cluster` mean together (`evaluation.execution.local.Workers`)."""
+    if cluster is None:
+        return workers
+    if workers is not None:
+        raise ValueError("--workers: counts processes of this machine; leave it out with --cluster")
+    return cluster
+
+
+PREDICTOR_NAMES = (
+    "foresight",
+    "farsighted",
+    "kkt-residual",
+    "particle-filter",
+    "constant-velocity",
+    "constant-turn-rate",
+    "constant-acceleration",
+    "kalman",
+    "social-force",
+    "orca",
+    "idm",
+    "social-lstm",
+    "transformer",
+)
+
+
+class Split(StrEnum):
+    """Which recordings of a folder."""
+
+    ALL = "all"
+    DEVELOPMENT = "development"
+    TEST = "test"

@@ -1,0 +1,64 @@
+"""Who runs trials: this process, several on this machine, or a Dask cluster."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+from collections.abc import Generator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from importlib.util import find_spec
+
+from evaluation.execution.store import Row, Trial
+from evaluation.execution.trial import Attempt
+
+Workers = int | str | None
+"""Processes on this machine (None: one per core; 0: this one), or a Dask scheduler's address."""
+EXTRA = "pip install 'foresight_env[cluster]'"
+
+
+def results(attempt: Attempt, trials: Sequence[Trial], workers: Workers) -> Generator[Row]:
+    """Rows in the order in which they are finished; closed early, it stops what is running."""
+    if isinstance(workers, str):
+        if find_spec("distributed") is None:
+            raise ValueError(f"--cluster: needs Dask; {EXTRA}")
+        from evaluation.execution.dask import cluster_results
+
+        return cluster_results(attempt, trials, workers)
+    count = available_workers() if workers is None else workers
+    if count == 0 or len(trials) < 2:
+        return (attempt(trial) for trial in trials)
+    return _process_results(attempt, trials, min(count, len(trials)))
+
+
+def available_workers() -> int:
+    """Processes that may run at once on this machine."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def single_threaded() -> None:
+    """Keep a worker's numerical libraries on one thread: the workers share the cores."""
+    os.environ["OMP_NUM_THREADS"] = "1"
+    # Not XLA_FLAGS: those are part of a compiled program's cache key, and this process would
+    # compile anew what its workers have compiled.
+    os.environ["PJRT_NPROC"] = "1"
+
+
+def _process_results(attempt: Attempt, trials: Sequence[Trial], count: int) -> Generator[Row]:
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(count, context, initializer=single_threaded) as pool:
+        futures = [pool.submit(attempt, trial) for trial in trials]
+        try:
+            for future in as_completed(futures):
+                yield future.result()
+        except BrokenProcessPool as error:
+            raise OSError(
+                "a worker process was killed (out of memory?); finished trials are kept, run the "
+                "same command again or with fewer --workers"
+            ) from error
+        except BaseException:
+            # An interrupt ends the study now, not when all that waits has been run.
+            pool.shutdown(wait=False, cancel_futures=True)
+            for process in multiprocessing.active_children():
+                process.terminate()
+            raise

@@ -1,0 +1,228 @@
+"""What the benchmark's rows say: means with intervals and ranks, for tables, page and CSV."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Callable, Hashable, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from evaluation.execution.store import Row
+from evaluation.metrics.ranks import Rank, ranks
+from evaluation.metrics.statistics import Interval, clustered_interval, share_interval
+from foresight_env.files import write_atomically
+
+OPEN, CLOSED = "open loop", "closed loop"
+
+
+class Metric(NamedTuple):
+    """A column of a table."""
+
+    name: str
+    unit: str
+    told: str
+    """What it is, for the page's legend."""
+    ranked: bool = False
+    """Whether methods are ranked by it; less is better."""
+    share: bool = False
+    """Whether each case has it or not."""
+
+
+ADE = Metric("ADE", "m", "mean distance between prediction and truth", True)
+FDE = Metric("FDE", "m", "the same at the last step at which somebody is there")
+MISSED = Metric("missed", "%", "agents predicted more than 2 m off at that step")
+BEST = Metric("best of 5", "m", "ADE of the best of the five likeliest joint futures")
+NLL = Metric("NLL", "", "minus the log of the probability density (1/m^2) given to the truth")
+HARM = Metric("collided", "%", "episodes that ended in a collision or off the road", True, True)
+REACHED = Metric("goal", "%", "episodes in which the ego reached its goal unharmed", share=True)
+TIME = Metric(
+    "time to goal", "s", "the time limit where it was not reached, or where the ego collided", True
+)
+COST = Metric("cost", "", "the ego's own undiscounted cost over time, collisions left out")
+GAP = Metric("least gap", "m", "least distance between footprints, negative where they overlap")
+AHEAD = Metric("1 s ahead", "m", "how far off the ego's own predictions of others were after 1 s")
+P50 = Metric("p50", "ms", "median time of a prediction or decision, compilation apart")
+P99 = Metric("p99", "ms", "99th percentile of it")
+FAILED = Metric("failed", "", "predictions that fell back on constant velocity; plans and fits that"
+                " failed")  # fmt: skip
+BROKEN = Metric("broken", "", "trials that raised an exception")
+
+OPEN_METRICS = (ADE, FDE, MISSED, BEST, NLL, P50, P99, FAILED, BROKEN)
+CLOSED_METRICS = (HARM, REACHED, TIME, COST, GAP, AHEAD, P50, P99, FAILED, BROKEN)
+
+
+class Value(NamedTuple):
+    """A cell: a mean with its 95 % interval where that means something, and a rank."""
+
+    mean: float
+    low: float = float("nan")
+    high: float = float("nan")
+    rank: Rank | None = None
+
+
+class Line(NamedTuple):
+    """One method at one place."""
+
+    method: str
+    cases: int
+    """Windows, or episodes."""
+    values: dict[str, Value]
+    """By the metric's name."""
+
+
+class Part(NamedTuple):
+    """All methods at one place, best first."""
+
+    loop: str
+    place: str
+    cases: str
+    """What is counted."""
+    metrics: tuple[Metric, ...]
+    lines: tuple[Line, ...]
+
+
+Cases = list[tuple[Hashable, Row]]
+"""A method's windows or episodes with the cluster that each belongs to, in a common order."""
+
+
+def open_part(place: str, methods: dict[str, Cases], broken: dict[str, int]) -> Part:
+    """Predictions at one place; every method has the same windows."""
+    columns: dict[Metric, Callable[[Row], float]] = {
+        ADE: lambda r: r["average_error"],
+        FDE: lambda r: r["final_error"],
+        MISSED: lambda r: 100.0 * r["missed"] / r["agents"],
+        BEST: lambda r: r["best_average_error"],
+        NLL: lambda r: _number(r["surprise"]),
+    }
+    lines = _lines(methods, broken, columns, (ADE,))
+    return Part(OPEN, place, "windows", OPEN_METRICS, _sorted(lines, ADE))
+
+
+def closed_part(place: str, methods: dict[str, Cases], broken: dict[str, int]) -> Part:
+    """Driving at one place; every method has the same seeds."""
+    columns: dict[Metric, Callable[[Row], float]] = {
+        HARM: lambda r: 100.0 * (r["collision"] or r["off_road"]),
+        REACHED: lambda r: 100.0 * r["goal_reached"],
+        TIME: lambda r: r["time"] if r["goal_reached"] else r["time_limit"],
+        COST: lambda r: float("nan") if r["collision"] or r["off_road"] else r["cost"],
+        GAP: lambda r: r["min_gap"],
+        AHEAD: lambda r: _number(r["prediction_error"]),
+    }
+    lines = _lines(methods, broken, columns, (HARM, TIME))
+    return Part(CLOSED, place, "episodes", CLOSED_METRICS, _sorted(lines, HARM, TIME))
+
+
+def _number(value: float | None) -> float:
+    return float("nan") if value is None else float(value)
+
+
+def _sorted(lines: list[Line], *metrics: Metric) -> tuple[Line, ...]:
+    def key(line: Line) -> list[float]:
+        means = [line.values[m.name].mean for m in metrics]
+        return [np.inf if np.isnan(mean) else mean for mean in means]
+
+    return tuple(sorted(lines, key=key))
+
+
+def _lines(
+    methods: dict[str, Cases],
+    broken: dict[str, int],
+    columns: dict[Metric, Callable[[Row], float]],
+    ranked: tuple[Metric, ...],
+) -> list[Line]:
+    """A line per method that has cases; methods without any are told by their broken trials."""
+    full = {name: cases for name, cases in methods.items() if cases}
+    clusters = [cluster for cluster, _ in next(iter(full.values()), [])]
+    values = {
+        metric: {
+            name: np.array([column(row) for _, row in cases], dtype=float)
+            for name, cases in full.items()
+        }
+        for metric, column in columns.items()
+    }
+    places: dict[Metric, dict[str, Rank]] = {}
+    for metric in ranked:
+        if full:
+            found = ranks(np.stack(list(values[metric].values())), clusters)
+            places[metric] = dict(zip(full, found, strict=True))
+    lines = []
+    for name in methods:
+        if name not in full:
+            empty = {metric.name: Value(float("nan")) for metric in columns}
+            lines.append(Line(name, 0, {**empty, BROKEN.name: Value(broken.get(name, 0))}))
+            continue
+        cells = {
+            metric.name: _value(
+                metric, values[metric][name], clusters, places.get(metric, {}).get(name)
+            )
+            for metric in columns
+        }
+        rows = [row for _, row in full[name]]
+        times = 1e3 * np.concatenate([row["seconds"] for row in rows])
+        cells[P50.name], cells[P99.name] = (Value(float(q)) for q in np.percentile(times, [50, 99]))
+        cells[FAILED.name] = Value(float(sum(row["failed"] for row in rows)))
+        cells[BROKEN.name] = Value(float(broken.get(name, 0)))
+        lines.append(Line(name, len(rows), cells))
+    return lines
+
+
+def _value(
+    metric: Metric,
+    values: Float[np.ndarray, "n"],
+    clusters: Sequence[Hashable],
+    rank: Rank | None,
+) -> Value:
+    if metric.share:
+        share = share_interval(values > 0.0)
+        return Value(100.0 * share.mean, 100.0 * share.low, 100.0 * share.high, rank)
+    there = np.isfinite(values)
+    if not there.any():
+        return Value(float("nan"))
+    kept = [c for c, t in zip(clusters, there, strict=True) if t]
+    interval: Interval = clustered_interval(values[there], kept)
+    if len(set(map(repr, kept))) < 2:
+        return Value(interval.mean, rank=rank)
+    return Value(*interval, rank)
+
+
+def common(methods: dict[str, dict[Hashable, tuple[Hashable, Row]]]) -> dict[str, Cases]:
+    """Each method's cases that all methods have which have any, in one order."""
+    sets = [set(cases) for cases in methods.values() if cases]
+    shared = sorted(set.intersection(*sets), key=repr) if sets else []
+    return {
+        name: [cases[key] for key in shared] if cases else [] for name, cases in methods.items()
+    }
+
+
+def write_csv(parts: Sequence[Part], path: Path) -> Path:
+    """A line per loop, place, method and metric; numbers in full."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(
+        ("loop", "place", "method", "cases", "metric", "unit", "mean", "low_95", "high_95",
+         "rank", "rank_low_95", "rank_high_95")
+    )  # fmt: skip
+    for part in parts:
+        units = {metric.name: metric.unit for metric in part.metrics}
+        for line in part.lines:
+            for name, value in line.values.items():
+                rank = value.rank or ("", "", "")
+                told = ["" if np.isnan(v) else repr(float(v)) for v in value[:3]]
+                writer.writerow(
+                    (
+                        part.loop,
+                        part.place,
+                        line.method,
+                        line.cases,
+                        name,
+                        units[name],
+                        *told,
+                        *rank,
+                    )
+                )
+    write_atomically(path, out.getvalue().encode())
+    return path

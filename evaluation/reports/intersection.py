@@ -1,0 +1,187 @@
+"""Tables and pictures of a recorded window at an intersection."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle
+from matplotlib.ticker import LogFormatter
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from evaluation.execution.store import Row
+from evaluation.metrics.statistics import mean_and_error
+from evaluation.reports.digits import significant
+from evaluation.reports.figures import AGENTS, save
+from evaluation.reports.naming import colour_of, label_of
+from evaluation.studies.intersection import METHODS, Prediction
+from evaluation.windows.intersection import Case
+from foresight_env.scenarios.junction import JUNCTION_REGION
+
+LABELLED_DECADES = (4.0, 0.5)
+"""Length of an axis up to which some, and all, ticks between powers of ten have a number."""
+SNAPSHOT = "snapshot"
+"""Name of the picture of a prediction, beside the study's folder."""
+VIEW_MARGIN = 4.0
+"""Free space around everybody in the snapshot, m."""
+
+
+def _values(
+    rows: Sequence[Row], column: str, observation: str, std: float, method: str
+) -> np.ndarray:
+    wanted = observation, std, method
+    return np.array(
+        [
+            r[column]
+            for r in rows
+            if (r["observation"], r["std"], r["method"]) == wanted and not r["error"]
+        ]
+    )
+
+
+def print_errors(console: Console, rows: Sequence[Row]) -> None:
+    """Mean trajectory error of each method over noise, bootstrap standard errors beside it."""
+    table = Table(title="Errors against the recording")
+    for name in ("observed", "std", "method", "n", "||X - X_recorded||^2", "ratio", "ADE [m]"):
+        table.add_column(
+            escape(name), justify="left" if name in ("observed", "method") else "right"
+        )
+    settings = sorted({(r["observation"], r["std"]) for r in rows})
+    for observation, std in settings:
+        base = _values(rows, "error_squared", observation, std, "farsighted")
+        for method in METHODS:
+            errors = _values(rows, "error_squared", observation, std, method)
+            if errors.size == 0:
+                continue
+            mean, spread = mean_and_error(errors)
+            ratio = f"{mean / base.mean():.2f}" if base.size else ""
+            distance = _values(rows, "average_displacement", observation, std, method).mean()
+            table.add_row(
+                observation,
+                f"{std:.3f}",
+                label_of(method),
+                str(errors.size),
+                significant(mean, 3) + (f" ±{significant(spread, 2)}" if spread > 0.0 else ""),
+                ratio,
+                f"{distance:.2f}",
+                end_section=method == METHODS[-1],
+            )
+    console.print(table)
+    console.print("±: bootstrap standard error. ratio: to gamma = 1. ADE: mean distance.")
+    unsolved = sum(not r["error"] and not r["solved"] for r in rows)
+    broken = sum(bool(r["error"]) for r in rows)
+    if unsolved or broken:
+        console.print(f"[red]{unsolved} fits not solved, {broken} trials broke[/red]")
+
+
+def print_gammas(console: Console, rows: Sequence[Row]) -> None:
+    """Inferred discount factors at the least noise, by class of agent."""
+    table = Table(title="Inferred discount factors, least noise: 90 % intervals")
+    for name in ("class", "agent", "observed", "gamma", "interval"):
+        table.add_column(name)
+    mine = [r for r in rows if r["method"] == "foresight" and not r["error"] and r["gamma"]]
+    least = min((r["std"] for r in mine), default=0.0)
+    chosen = [r for r in mine if r["std"] == least and r["sequence"] == 0]
+    kinds = chosen[0]["kinds"] if chosen else []
+    for kind in dict.fromkeys(kinds):
+        values = []
+        for i in (i for i, k in enumerate(kinds) if k == kind):
+            for row in chosen:
+                low, high = row["gamma_low"][i], row["gamma_high"][i]
+                told = f"{low:.2f} to {high:.2f}" if row["gamma_determined"][i] else "open"
+                table.add_row(
+                    kind, row["agents"][i], row["observation"], f"{row['gamma'][i]:.2f}", told
+                )
+                values.append(row["gamma"][i])
+        if values:
+            table.add_row(kind, "mean", "", f"{np.mean(values):.2f}", "", end_section=True)
+    console.print(table)
+    console.print("open: the observations do not tell this discount factor.")
+
+
+def print_predictions(
+    console: Console, case: Case, known: int, predictions: Sequence[Prediction]
+) -> None:
+    """Errors after the last observation."""
+    seconds = case.dt * (len(case.states) - known)
+    table = Table(title=f"Seen {known} steps, predicted the rest ({seconds:.1f} s)")
+    for name in ("method", "ADE [m]", "FDE [m]", "gammas"):
+        table.add_column(escape(name))
+    for p in predictions:
+        label = label_of(p.method) + ("" if p.solved else " (failed: straight on)")
+        told = "-" if p.gamma is None else ", ".join(f"{g:.2f}" for g in p.gamma)
+        table.add_row(label, f"{p.average_error:.2f}", f"{p.final_error:.2f}", told)
+    console.print(table)
+
+
+def error_over_noise(rows: Sequence[Row], path: Path) -> Path:
+    """The paper's figure: mean error of every method over noise, standard errors as bars."""
+    observations = sorted({r["observation"] for r in rows})
+    figure = Figure(figsize=(4.6 * len(observations), 3.8), layout="constrained")
+    panels = np.atleast_1d(figure.subplots(1, len(observations), sharey=True))
+    for axes, observation in zip(panels, observations, strict=True):
+        for method in METHODS:
+            stds = sorted({r["std"] for r in rows})
+            found = [_values(rows, "error_squared", observation, std, method) for std in stds]
+            told = [mean_and_error(values) if values.size else (np.nan, 0.0) for values in found]
+            means, spreads = np.array(told).T
+            axes.errorbar(
+                stds, means, yerr=spreads, fmt=".-", capsize=3,
+                color=colour_of(method), label=label_of(method),
+            )  # fmt: skip
+        axes.set_yscale("log")
+        axes.yaxis.set_major_formatter(LogFormatter(minor_thresholds=LABELLED_DECADES))
+        axes.yaxis.set_minor_formatter(LogFormatter(minor_thresholds=LABELLED_DECADES))
+        axes.set_xlabel("noise standard deviation [m, m/s, rad]")
+        axes.set_title("full state" if observation == "full" else "positions only")
+    panels[0].set_ylabel("trajectory error ||X - X_recorded||^2")
+    panels[0].legend(fontsize=8)
+    return save(figure, path)
+
+
+def snapshot(case: Case, known: int, predictions: Sequence[Prediction], path: Path) -> Path:
+    """The paper's figure: what was seen, what each method expects, what happened."""
+    figure = Figure(figsize=(11.0, 5.0), layout="constrained")
+    panels = np.atleast_1d(figure.subplots(1, len(predictions), sharex=True, sharey=True))
+    shown = case.states[..., :2][case.present]
+    for axes, p in zip(panels, predictions, strict=True):
+        if case.at_aachen:
+            for side in JUNCTION_REGION.sides:
+                start, end = np.array(side.start), np.array(side.end)
+                far = start + 5.0 * (end - start)
+                axes.plot(*np.stack([start, far]).T, color="0.7", lw=1.2, zorder=0)
+            for corner in JUNCTION_REGION.corners:
+                disc = Circle(corner.center, corner.radius, fill=False, ec="0.7", lw=1.2, zorder=0)
+                axes.add_patch(disc)
+        for i in range(len(case.agents)):
+            colour = AGENTS[i % len(AGENTS)]
+            axes.plot(*case.states[:known, i, :2].T, ".", color=colour, ms=4)
+            axes.plot(*case.states[known - 1 :, i, :2].T, color="black", lw=4, alpha=0.25)
+            axes.plot(*p.states[known - 1 :, i, :2].T, color=colour, lw=1.6)
+            seen = case.states[:known, i, :2]
+            here = seen[~np.isnan(seen[:, 0])][-1]
+            axes.annotate(
+                case.agents[i],
+                here,
+                xytext=(6, 5) if i % 2 else (-6, -11),
+                ha="left" if i % 2 else "right",
+                textcoords="offset points",
+                fontsize=8,
+            )
+        label = label_of(p.method)
+        axes.set_title(f"{label}: ADE {p.average_error:.2f} m", fontsize=10)
+        axes.set_aspect("equal")
+        axes.set_xlabel("x [m]")
+    low, high = shown.min(axis=0) - VIEW_MARGIN, shown.max(axis=0) + VIEW_MARGIN
+    panels[0].set_xlim(low[0], high[0])
+    panels[0].set_ylim(low[1], high[1])
+    panels[0].set_ylabel("y [m]")
+    figure.suptitle(
+        f"{case.name}, step {known}: dots seen, coloured lines predicted, broad ones what happened",
+        fontsize=9,
+    )
+    return save(figure, path)

@@ -1,0 +1,247 @@
+"""A section of the report for every kind of study: its tables, its figures, its episodes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from shutil import copyfile
+
+from rich.console import Console
+
+from evaluation.execution.store import Results, Row
+from evaluation.reports.benchmark import driven_parts, simulated_parts
+from evaluation.reports.benchmark_page import print_parts
+from evaluation.reports.driving import distances_over_time, place, print_driving
+from evaluation.reports.figures import (
+    HEATMAP_NAME,
+    TRIAL_NAME,
+    closed_loop_summary,
+    error_against_noise,
+)
+from evaluation.reports.intersection import (
+    SNAPSHOT,
+    error_over_noise,
+    print_errors,
+    print_gammas,
+)
+from evaluation.reports.naming import OTHERS, label_of
+from evaluation.reports.prediction import error_over_time, print_prediction
+from evaluation.reports.tables import print_closed_loop, print_estimation
+from evaluation.rollout.endings import COLLISION
+from evaluation.rollout.setting import RunSetting
+from evaluation.studies.benchmark import Plan
+from evaluation.studies.closed_loop import summarise
+from evaluation.windows.table import with_windows
+
+Draw = Callable[[Path], Path]
+"""Writes a figure to a path, in the format that its ending names."""
+
+
+@dataclass(frozen=True)
+class Watched:
+    """An episode that can be watched again."""
+
+    ego: str
+    seed: int
+    setting: RunSetting
+    title: str
+    why: str
+
+
+@dataclass
+class Section:
+    """One study on the page."""
+
+    title: str
+    results: Results
+    figures: dict[str, tuple[Draw, str]] = field(default_factory=dict)
+    """By name: how it is drawn, and what it shows."""
+    episodes: list[Watched] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class _Plain:
+    """A study with tables and one figure of all its rows."""
+
+    title: str
+    show: Callable[[Console, Sequence[Row]], None]
+    name: str
+    draw: Callable[[Sequence[Row], Path], Path]
+    told: str
+
+    def section(self, results: Results, notes: Console) -> Section:
+        self.show(notes, results.rows)
+        figure = partial(self.draw, results.rows), self.told
+        return Section(self.title, results, {self.name: figure})
+
+
+def _print_intersection(notes: Console, rows: Sequence[Row]) -> None:
+    print_errors(notes, rows)
+    print_gammas(notes, rows)
+
+
+PLAIN = {
+    "estimation": _Plain(
+        "Crosswalk: how well foresight is inferred",
+        print_estimation,
+        "error_against_noise",
+        error_against_noise,
+        "Trajectory error over noise, gamma inferred and gamma = 1, with the Cramer-Rao bound",
+    ),
+    "intersection": _Plain(
+        "Intersection: a recorded window",
+        _print_intersection,
+        "error_over_noise",
+        error_over_noise,
+        "Trajectory error over noise, gamma inferred, gamma = 1 and constant velocity",
+    ),
+}
+"""By the study's name."""
+
+
+def section(results: Results, notes: Console) -> Section:
+    """Print a study's tables on `notes` and say what else belongs to it."""
+    if all(row["error"] for row in results.rows):
+        notes.print("No trial ended well: there is nothing but failures to tell.")
+        return Section(results.study.capitalize(), results)
+    makers = {
+        "estimation": _estimation,
+        "intersection": _intersection,
+        "closed loop": _closed_loop,
+        "driving": _driving,
+        "prediction": _prediction,
+        "benchmark, open loop": _open_benchmark,
+        "benchmark, closed loop": _closed_benchmark,
+    }
+    return makers.get(results.study, _other)(results, notes)
+
+
+def _names(rows: Sequence[Row], column: str) -> tuple[str, ...]:
+    """In the order in which they first appear, those with a finished trial."""
+    return tuple(dict.fromkeys(r[column] for r in rows if not r["error"]))
+
+
+def _estimation(results: Results, notes: Console) -> Section:
+    found = PLAIN["estimation"].section(results, notes)
+    _add_picture(found, TRIAL_NAME, "One noisy sequence, and what both methods make of it")
+    _add_picture(
+        found, HEATMAP_NAME, "The objective over both discount factors, from noise-free data"
+    )
+    return found
+
+
+def _intersection(results: Results, notes: Console) -> Section:
+    found = PLAIN["intersection"].section(results, notes)
+    _add_picture(
+        found,
+        SNAPSHOT,
+        "What each method expects from the first steps: dots seen, coloured lines predicted, broad "
+        "ones what happened",
+    )
+    return found
+
+
+def _add_picture(found: Section, name: str, told: str) -> None:
+    """A picture that lies beside the rows, which do not hold what it shows."""
+    kept = found.results.folder.parent / name
+
+    def copied(path: Path) -> Path:
+        return Path(copyfile(kept.with_suffix(path.suffix), path))
+
+    if all(kept.with_suffix(f".{kind}").exists() for kind in ("png", "pdf")):
+        found.figures[name] = copied, told
+
+
+def _closed_loop(results: Results, notes: Console) -> Section:
+    rows = results.rows
+    egos = _names(rows, "ego")
+    print_closed_loop(notes, [summarise(rows, ego) for ego in egos], rows)
+    found = Section("Crosswalk: an ego in the loop", results)
+    found.figures["closed_loop"] = (
+        lambda path: closed_loop_summary(rows, egos, path),
+        "Distances, times and costs of every ego",
+    )
+    told = results.configuration
+    setting = RunSetting(
+        players=told["players"],
+        observation=told["observation"],
+        noise_std=told["noise_std"],
+        behaviour=told["behaviour"],
+    )
+    chosen = _chosen(rows, lambda r: bool(r["collision"]))
+    found.episodes += [Watched(r["ego"], r["seed"], setting, "Crosswalk", w) for r, w in chosen]
+    return found
+
+
+def _driving(results: Results, notes: Console) -> Section:
+    rows = results.rows
+    egos, scenes, others = (_names(rows, column) for column in ("ego", "scene", "others"))
+    print_driving(notes, rows, scenes, others, egos)
+    found = Section("Driving: an ego on highway-env's roads", results)
+    told = results.configuration
+    for scene in scenes:
+        for other in others:
+
+            def draw(path: Path, scene: str = scene, other: str = other) -> Path:
+                return distances_over_time(rows, scene, other, egos, path)
+
+            where = place(scene, other)
+            found.figures[f"{scene}_{other}"] = (
+                draw,
+                f"{where}: distances to others and to the goal over time",
+            )
+            mine = [r for r in rows if (r["scene"], r["others"]) == (scene, other)]
+            setting = RunSetting(
+                "driving", scene, told["cars"], told["observation"], told["noise_std"], other
+            )
+            title = where[0].upper() + where[1:]
+            chosen = _chosen(mine, lambda r: r["ended"] == COLLISION, most=1)
+            found.episodes += [Watched(r["ego"], r["seed"], setting, title, w) for r, w in chosen]
+    return found
+
+
+def _prediction(results: Results, notes: Console) -> Section:
+    rows = with_windows(results.folder, results.rows)
+    print_prediction(notes, rows)
+    found = Section("Recordings: predictions", results)
+    found.figures["error_over_time"] = (
+        lambda path: error_over_time(rows, path),
+        "Displacement errors 1 to 4 s ahead",
+    )
+    return found
+
+
+def _open_benchmark(results: Results, notes: Console) -> Section:
+    rows = results.rows
+    plan = Plan(_names(rows, "place"), (), _names(rows, "predictor"), (), 0)
+    print_parts(notes, simulated_parts(rows, plan), everything=True)
+    return Section("Benchmark: predictors in simulated episodes", results)
+
+
+def _closed_benchmark(results: Results, notes: Console) -> Section:
+    rows = results.rows
+    places, others = _names(rows, "place"), tuple(o for o in OTHERS if o in _names(rows, "others"))
+    plan = Plan(places, others, (), _names(rows, "ego"), 0)
+    print_parts(notes, driven_parts(rows, plan), everything=True)
+    return Section("Benchmark: egos in simulated episodes", results)
+
+
+def _other(results: Results, notes: Console) -> Section:
+    columns = sorted({name for row in results.rows for name in row})
+    notes.print(f"{len(results.rows)} rows with {', '.join(columns)}.", markup=False)
+    return Section(results.study.capitalize(), results)
+
+
+def _chosen(
+    rows: Sequence[Row], harmed: Callable[[Row], bool], most: int = 3
+) -> list[tuple[Row, str]]:
+    """Episodes worth watching: the first seed with the ego that infers, and collisions."""
+    whole = sorted((r for r in rows if not r["error"]), key=lambda r: (r["seed"], r["ego"]))
+    first = [(r, "the first seed") for r in whole if r["ego"] == "foresight"][:1]
+    harm: dict[str, Row] = {}
+    for row in whole:
+        if harmed(row):
+            harm.setdefault(row["ego"], row)
+    return first + [(r, f"a collision of {label_of(r['ego'])}") for r in harm.values()][:most]

@@ -1,0 +1,1 @@
+"""Closed-loop episodes: settings, places and endings."""

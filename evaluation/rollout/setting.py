@@ -1,0 +1,77 @@
+"""What `foresight run` runs: an environment of any scenario, with the ego's agent controlled."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from evaluation.studies.closed_loop import MAX_STEPS, OTHERS_GAMMA
+from foresight_env.envs import crosswalk_v0, driving_v0, intersection_v0
+from foresight_env.highway.ranges import DrivingRanges
+
+EGO_CAR = 0
+"""The ego's in driving, whose manoeuvre the scene is named after."""
+
+
+@dataclass(frozen=True)
+class RunSetting:
+    """One episode's environment."""
+
+    scenario: str = "crosswalk"
+    scene: str = "left_turn"
+    """Of driving; other scenarios have one."""
+    players: int | None = None
+    """None: the scenario's usual number; the intersection has two pedestrians and two cars."""
+    observation: str = "full"
+    noise_std: float | None = None
+    """None: the scenario's."""
+    behaviour: str = "receding"
+
+    def __post_init__(self) -> None:
+        if self.behaviour == "idm" and self.scenario != "driving":
+            raise ValueError("--behaviour: idm drives cars of the scenario driving only")
+        if self.scenario == "intersection" and self.players is not None:
+            raise ValueError("--players: the intersection has two pedestrians and two cars")
+
+    @property
+    def gammas(self) -> tuple[float, float]:
+        """Between which the others' discount factors lie."""
+        return DrivingRanges().gamma if self.scenario == "driving" else OTHERS_GAMMA
+
+    def true_gammas(self, info: Mapping[str, Any]) -> Float[np.ndarray, "N"]:
+        """Everybody's discount factor by an environment's `info`.
+
+        NaN of those who have none: highway-env's vehicles play no game.
+        """
+        found = np.array(info["gamma"], dtype=float)
+        if self.behaviour == "idm":
+            found[EGO_CAR + 1 :] = np.nan
+        return found
+
+    @property
+    def middle(self) -> float:
+        """Time (s) at which agents are about to meet, for a still picture."""
+        return {"crosswalk": 1.4, "intersection": 1.9, "driving": 2.0}[self.scenario]
+
+    def make(self, render_mode: str | None = None) -> Any:
+        """The environment."""
+        arguments: dict[str, Any] = {
+            "observation": self.observation,
+            "behaviour": self.behaviour,
+            "render_mode": render_mode,
+        }
+        if self.noise_std is not None:
+            arguments["noise_std"] = self.noise_std
+        if self.scenario == "intersection":
+            return intersection_v0.parallel_env(**arguments)
+        if self.scenario == "driving":
+            cars = {} if self.players is None else {"cars": self.players}
+            return driving_v0.parallel_env(scene=self.scene, **cars, **arguments)  # type: ignore[arg-type]
+        players = 2 if self.players is None else self.players
+        return crosswalk_v0.parallel_env(
+            players=players, controlled=(0,), max_steps=MAX_STEPS, **arguments
+        )

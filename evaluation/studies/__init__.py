@@ -1,0 +1,1 @@
+"""Studies: configured sets of trials and their rows."""

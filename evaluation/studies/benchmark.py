@@ -1,0 +1,152 @@
+"""The benchmark's trials: every predictor on every window, every ego in every episode."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+
+from agents import make_ego, make_predictor
+from evaluation.cli.options import REACTIVE_NAMES
+from evaluation.execution.compilation import until_forgotten
+from evaluation.execution.local import Workers
+from evaluation.execution.provenance import fingerprint
+from evaluation.execution.runner import run_trials
+from evaluation.execution.store import Row, Store, Trial
+from evaluation.rollout.places import is_driving, setting_of
+from evaluation.studies.closed_loop import WARM_UP_STEPS, Step, episode
+from evaluation.studies.prediction import judged, warm_up
+from evaluation.windows.simulated import BETWEEN, PREDICTED_STEPS, simulated_windows
+
+SCHEMA = 4
+"""Counted up when rows get other columns, mean something else or come from another way of solving
+or planning: older folders are refused."""
+OPEN_KEY = ("place", "seed", "predictor", "settings")
+CLOSED_KEY = ("place", "others", "ego", "settings", "seed")
+PREDICTED_SECONDS = 1.0
+"""How far ahead an ego's own predictions are judged."""
+OPEN_SEEDS = 1_000_000
+"""Episodes that predictors are tested on begin with this seed: egos' episodes, and the data that
+models are trained on, have others."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is run."""
+
+    places: tuple[str, ...]
+    others: tuple[str, ...]
+    """What drives the cars of driving beside the ego; elsewhere it is always the game."""
+    predictors: tuple[str, ...]
+    egos: tuple[str, ...]
+    episodes: int
+
+    def pairs(self) -> list[tuple[str, str]]:
+        """Places with what drives the others there."""
+        return [
+            (place, others)
+            for place in self.places
+            for others in (self.others if is_driving(place) else ("receding",))
+        ]
+
+    def egos_of(self, place: str) -> tuple[str, ...]:
+        """Those that can be there: highway-env's vehicle needs its roads, networks a crosswalk."""
+        roads: tuple[str, ...] = () if is_driving(place) else ("idm",)
+        elsewhere = roads if place == "crosswalk" else (*roads, *REACTIVE_NAMES)
+        return tuple(ego for ego in self.egos if ego not in elsewhere)
+
+
+def run_windows(place: str, seed: int, predictor: str, settings: str) -> Row:
+    """A predictor's metrics on the windows of one episode, a list entry for each; it may be short
+    of any."""
+    made, rows, seconds = make_predictor(predictor), [], []
+    windows = simulated_windows(place, seed)
+    for window in windows:
+        history = window.history
+        warm_up(predictor, history.kinds, len(history.states), PREDICTED_STEPS, history.dt)
+        begin = time.perf_counter()
+        forecast = made.predict(history, PREDICTED_STEPS)
+        seconds.append(time.perf_counter() - begin)
+        rows.append(judged(window, forecast))
+    names = ("average_error", "final_error", "missed", "best_average_error", "surprise", "fallback")
+    return {
+        **{name: [row[name] for row in rows] for name in names},
+        "seconds": seconds,
+        "agents": [len(window.agents) for window in windows],
+    }
+
+
+@until_forgotten
+def _warm_up(place: str, others: str, ego: str) -> None:
+    """Compile in this process what an episode needs, so that latencies are those of running."""
+    chosen = setting_of(place, others)
+    for _ in islice(episode(chosen.make(), ego, 0, chosen.gammas), WARM_UP_STEPS):
+        pass
+
+
+def run_episode(place: str, others: str, ego: str, settings: str, seed: int) -> Row:
+    """One episode's row."""
+    _warm_up(place, others, ego)
+    chosen = setting_of(place, others)
+    env = chosen.make()
+    steps = list(episode(env, ego, seed, chosen.gammas))
+    last, dt = steps[-1].info, env.scene.dt
+    collided, strayed = bool(last["collision"]), bool(last["off_road"])
+    return {
+        "collision": collided,
+        "off_road": strayed and not collided,
+        "goal_reached": bool(last["is_success"]),
+        "time": float(last["time"]),
+        "time_limit": env.scene.max_steps * dt,
+        "min_gap": float(last["min_distance"]),
+        "cost": -sum(s.info["reward"] for s in steps) * dt,
+        "prediction_error": _prediction_error(steps, dt),
+        "failed_plans": sum(s.decision.failed for s in steps),
+        "failed_fits": sum(s.decision.stale for s in steps),
+        "oracle_failures": int(last["solver_failures"]),
+        "latencies": [1e3 * s.latency for s in steps],
+    }
+
+
+def _prediction_error(steps: Sequence[Step], dt: float) -> float | None:
+    """How far (m) others were from where the ego thought, `PREDICTED_SECONDS` later, on average."""
+    ahead = round(PREDICTED_SECONDS / dt)
+    places = np.stack([*(s.state[:, :2] for s in steps), steps[-1].info["state"][:, :2]])
+    errors = [
+        float(np.linalg.norm(path[ahead - 1] - places[k + ahead, j]))
+        for k, step in enumerate(steps)
+        for j, path in step.decision.predicted.items()
+        if k + ahead < len(places) and len(path) >= ahead
+    ]
+    return float(np.mean(errors)) if errors else None
+
+
+def open_study(folder: Path, plan: Plan, *, workers: Workers = None) -> list[Row]:
+    """Predictors on simulated episodes; a row per episode and predictor, kept in `folder`."""
+    settings = {name: fingerprint(make_predictor(name)) for name in plan.predictors}
+    rule = {"schema": SCHEMA, "between": BETWEEN, "predicted": PREDICTED_STEPS}
+    store = Store(folder, "benchmark, open loop", rule, OPEN_KEY)
+    trials: list[Trial] = [
+        {"place": place, "seed": OPEN_SEEDS + k, "predictor": name, "settings": settings[name]}
+        for place in plan.places
+        for k in range(plan.episodes)
+        for name in plan.predictors
+    ]
+    return run_trials(run_windows, trials, store, workers=workers, label="open loop")
+
+
+def closed_study(folder: Path, plan: Plan, *, workers: Workers = None) -> list[Row]:
+    """Egos in episodes with the same seeds; a row per episode and ego, kept in `folder`."""
+    settings = {name: fingerprint(make_ego(name)) for name in plan.egos}
+    store = Store(folder, "benchmark, closed loop", {"schema": SCHEMA}, CLOSED_KEY)
+    trials: list[Trial] = [
+        {"place": place, "others": others, "ego": ego, "settings": settings[ego], "seed": seed}
+        for place, others in plan.pairs()
+        for ego in plan.egos_of(place)
+        for seed in range(plan.episodes)
+    ]
+    return run_trials(run_episode, trials, store, workers=workers, label="closed loop")

@@ -1,0 +1,215 @@
+"""Egos on highway-env's roads, in the loop: paired noise seeds, one row per episode.
+
+The ego is car 0; the others play the game, or are highway-env's IDM/MOBIL vehicles.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from itertools import islice
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from agents import make_ego
+from evaluation.execution.compilation import until_forgotten
+from evaluation.execution.local import Workers
+from evaluation.execution.provenance import fingerprint
+from evaluation.execution.runner import run_trials
+from evaluation.execution.store import Row, Store
+from evaluation.metrics.statistics import Interval, mean_interval
+from evaluation.metrics.trajectory import at_fault, comfort
+from evaluation.rollout.endings import COLLISION, OFF_ROAD, REACHED, TIME_OUT, ending
+from evaluation.rollout.setting import EGO_CAR, RunSetting
+from evaluation.studies.closed_loop import WARM_UP_STEPS, episode
+
+KEY = ("scene", "others", "ego", "settings", "seed")
+SCHEMA = 5
+"""Counted up when rows get other columns, mean something else or come from another way of solving
+or planning: older folders are refused."""
+
+
+@dataclass(frozen=True)
+class DrivingSetting:
+    """Configuration of the study."""
+
+    cars: int = 4
+    noise_std: float = 0.1
+    observation: str = "full"
+
+    def of(self, scene: str, others: str) -> RunSetting:
+        """One episode's environment."""
+        return RunSetting("driving", scene, self.cars, self.observation, self.noise_std, others)
+
+
+@until_forgotten
+def _warm_up(scene: str, others: str, ego: str, setting: DrivingSetting) -> None:
+    """Compile in this process what an episode needs, so that latencies are those of running."""
+    chosen = setting.of(scene, others)
+    for _ in islice(episode(chosen.make(), ego, 0, chosen.gammas), WARM_UP_STEPS):
+        pass
+
+
+def run_episode(
+    scene: str, others: str, ego: str, settings: str, seed: int, **setting: object
+) -> Row:
+    """One episode's row; `settings` tells egos of the same name apart in the store."""
+    configured = DrivingSetting(**setting)  # type: ignore[arg-type]
+    _warm_up(scene, others, ego, configured)
+    chosen = configured.of(scene, others)
+    env = chosen.make()
+    steps = list(episode(env, ego, seed, chosen.gammas))
+    last = steps[-1].info
+    states = np.stack([*(s.state for s in steps), last["state"]])
+    own, goal = states[:, EGO_CAR], last["theta"]["goal"][EGO_CAR]
+    nearest = np.linalg.norm(np.delete(states, EGO_CAR, 1)[..., :2] - own[:, None, :2], axis=2)
+    ended = ending(last)
+    ride = comfort(own, env.scene.dt)
+    return {
+        "ended": ended,
+        "at_fault": ended == COLLISION and at_fault(states[-1], EGO_CAR),
+        "time": float(last["time"]),
+        "time_limit": env.scene.max_steps * env.scene.dt,
+        "min_gap": float(last["min_distance"]),
+        "min_distance": float(nearest.min()),
+        "distances": nearest.min(axis=1).tolist(),
+        "goal_distances": np.linalg.norm(own[:, :2] - goal, axis=1).tolist(),
+        **{f"rms_{name}": value for name, value in ride._asdict().items()},
+        "failed_plans": sum(s.decision.failed for s in steps),
+        "failed_fits": sum(s.decision.stale for s in steps),
+        "oracle_failures": int(last["solver_failures"]),
+        "latencies": [1e3 * s.latency for s in steps],
+    }
+
+
+def study(
+    folder: str | Path,
+    scenes: Sequence[str],
+    others: Sequence[str],
+    egos: Sequence[str],
+    seeds: range,
+    setting: DrivingSetting = DrivingSetting(),
+    *,
+    workers: Workers = None,
+) -> list[Row]:
+    """Run the study in `folder`, where in every scene every ego meets every seed.
+
+    Episodes that the folder has already are not run again.
+    """
+    store = Store(folder, "driving", {**asdict(setting), "schema": SCHEMA}, KEY)
+    settings = {ego: fingerprint(make_ego(ego)) for ego in egos}
+    trials = [
+        {
+            "scene": scene,
+            "others": other,
+            "ego": ego,
+            "settings": settings[ego],
+            "seed": seed,
+            **asdict(setting),
+        }
+        for seed in seeds
+        for scene in scenes
+        for other in others
+        for ego in egos
+    ]
+    return run_trials(run_episode, trials, store, workers=workers, label="driving")
+
+
+class Summary(NamedTuple):
+    """One ego among one kind of others in one scene."""
+
+    ego: str
+    episodes: int
+    ends: dict[str, int]
+    """How many episodes ended how."""
+    faults: int
+    """Collisions that the ego caused."""
+    broken: int
+    """Trials that raised an exception."""
+    gap: Interval
+    """Over episodes, of the smallest gap between boxes, m."""
+    least_gap: float
+    distance: Interval
+    """Over episodes, of the smallest distance between middles, m."""
+    least_distance: float
+    time: Interval
+    """Seconds to the goal; episodes that did not reach it count with the time limit."""
+    rides: dict[str, float]
+    """Means of the root mean squares of `Comfort`."""
+    latencies: tuple[float, float]
+    """Median and 99th percentile per decision, ms, compilation apart."""
+    failed_plans: int
+    failed_fits: int
+    oracle_failures: int
+    """Steps at which the others' own game was not solved."""
+
+
+def good_rows(rows: Sequence[Row], scene: str, others: str, ego: str) -> list[Row]:
+    """Finished episodes of one ego among one kind of others in one scene."""
+    wanted = (scene, others, ego)
+    return [r for r in rows if (r["scene"], r["others"], r["ego"]) == wanted and not r["error"]]
+
+
+def time_to_goal(row: Row) -> float:
+    """Seconds, the time limit where the goal was not reached."""
+    return float(row["time"] if row["ended"] == REACHED else row["time_limit"])
+
+
+def summarise(rows: Sequence[Row], scene: str, others: str, ego: str) -> Summary | None:
+    """Aggregate; None when no episode finished."""
+    good = good_rows(rows, scene, others, ego)
+    if not good:
+        return None
+    gap = np.array([r["min_gap"] for r in good])
+    distance = np.array([r["min_distance"] for r in good])
+    latency = np.concatenate([np.asarray(r["latencies"]) for r in good])
+    wanted = (scene, others, ego)
+    return Summary(
+        ego,
+        len(good),
+        {e: sum(r["ended"] == e for r in good) for e in (COLLISION, OFF_ROAD, REACHED, TIME_OUT)},
+        sum(r["at_fault"] for r in good),
+        sum((r["scene"], r["others"], r["ego"]) == wanted and bool(r["error"]) for r in rows),
+        mean_interval(gap),
+        float(gap.min()),
+        mean_interval(distance),
+        float(distance.min()),
+        mean_interval(np.array([time_to_goal(r) for r in good])),
+        {
+            name: float(np.nanmean([r[name] for r in good]))
+            for name in ("rms_acceleration", "rms_jerk", "rms_lateral")
+        },
+        (float(np.median(latency)), float(np.percentile(latency, 99))),
+        sum(r["failed_plans"] for r in good),
+        sum(r["failed_fits"] for r in good),
+        sum(r["oracle_failures"] for r in good),
+    )
+
+
+class Paired(NamedTuple):
+    """Mean differences over the seeds that both egos finished."""
+
+    seeds: int
+    gap: Interval
+    """Smallest gap between boxes, m."""
+    time: Interval
+    """To the goal, s."""
+    collisions: int
+    """More collisions."""
+
+
+def paired(rows: Sequence[Row], scene: str, others: str, ego: str, other: str) -> Paired | None:
+    """`ego` minus `other`, None where they have no seed in common."""
+    one = {r["seed"]: r for r in good_rows(rows, scene, others, ego)}
+    two = {r["seed"]: r for r in good_rows(rows, scene, others, other)}
+    both = sorted(one.keys() & two.keys())
+    if not both:
+        return None
+    return Paired(
+        len(both),
+        mean_interval(np.array([one[s]["min_gap"] - two[s]["min_gap"] for s in both])),
+        mean_interval(np.array([time_to_goal(one[s]) - time_to_goal(two[s]) for s in both])),
+        sum((one[s]["ended"] == COLLISION) - (two[s]["ended"] == COLLISION) for s in both),
+    )

@@ -1,0 +1,141 @@
+"""Scenes that forecasters learn from: moments of recordings and of episodes, as arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float32
+
+from agents.egos.predict_then_plan import history_of
+from agents.interfaces.predictor import History
+from agents.learned.features import AGENTS, Features, features_of, targets_of
+from evaluation.execution.store import Row
+from evaluation.rollout.places import setting_of
+from evaluation.windows.interaction import (
+    LEAST_OBSERVED,
+    LEAST_PREDICTED,
+    STEP_SECONDS,
+    Grid,
+    split_of,
+)
+from foresight_env.datasets import Recording
+
+LONG = 60.0
+"""Recordings of more seconds than this are divided: their last `VALIDATION_PART` is kept from
+training. Of shorter ones those of `VALIDATION` are kept from it as a whole."""
+VALIDATION_PART = 0.2
+VALIDATION = ("intersection_17",)
+REACH = 20.0
+"""Agents farther from the one that a scene is about are left out, m."""
+
+
+class Scenes(NamedTuple):
+    """S scenes: what networks see, and what they should have said."""
+
+    seen: Features
+    """Each array with a leading axis of S."""
+    target: Float32[np.ndarray, "S A ahead 2"]
+    known: Bool[np.ndarray, "S A ahead"]
+
+
+def stack(scenes: Sequence[Scenes]) -> Scenes:
+    """One after the other."""
+    seen = Features(
+        *(np.concatenate(parts) for parts in zip(*(s.seen for s in scenes), strict=True))
+    )
+    target, known = (
+        np.concatenate([getattr(s, name) for s in scenes]) for name in ("target", "known")
+    )
+    return Scenes(seen, target, known)
+
+
+def mirrored(scenes: Scenes) -> Scenes:
+    """The same scenes seen in a mirror: what is true of the left is true of the right."""
+    seen = scenes.seen
+    across = np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0], np.float32)
+    flipped = seen._replace(past=seen.past * across[:5], others=seen.others * across)
+    return scenes._replace(seen=flipped, target=scenes.target * across[:2])
+
+
+def _one(history: History, truth: np.ndarray) -> Scenes:
+    seen, frames = features_of(history)
+    target, known = targets_of(frames, truth, history.dt)
+    return Scenes(Features(*(v[None] for v in seen)), target[None], known[None])
+
+
+def recorded_scenes(recording: Recording, part: str) -> Iterator[Scenes]:
+    """Of a development recording, the moments of a part: "train" or "validation".
+
+    `ValueError` for a recording that tests are made on.
+    """
+    if split_of(recording.name) != "development":
+        raise ValueError(f"recording: {recording.name} is for tests; nothing is learned from it")
+    grid = Grid.of(recording)
+    start, end = recording.frame_range
+    train = part == "train"
+    low, high = start, end
+    if (end - start) / recording.rate > LONG:
+        # On the recording's own rows.
+        steps = round((1.0 - VALIDATION_PART) * (end - start) / grid.every)
+        border = start + steps * grid.every
+        # Nothing that is predicted in training is seen in validation.
+        low, high = (start, border - grid.predicted * grid.every) if train else (border, end)
+    elif train == (recording.name in VALIDATION):
+        return
+    first = low + (LEAST_OBSERVED - 1) * grid.every
+    for frame in range(first, high - LEAST_PREDICTED * grid.every + 1, grid.every):
+        yield from _moment(recording, grid, frame)
+
+
+def _moment(recording: Recording, grid: Grid, frame: int) -> Iterator[Scenes]:
+    """Scenes of a moment: everybody who was seen for long enough is in one, with who is near."""
+    around = frame - (LEAST_OBSERVED - 1) * grid.every, frame + LEAST_PREDICTED * grid.every
+    names = [
+        track.agent_id
+        for track in recording.tracks
+        if track.frames[0] <= around[0] and track.frames[-1] >= around[1]
+    ]
+    if not names:
+        return
+    begin = frame - (grid.observed - 1) * grid.every
+    window = recording.window(names, begin, grid.observed + grid.predicted, grid.every)
+    now = window.states[grid.observed - 1, :, :2]
+    waiting = [
+        i for i in range(len(names)) if np.isfinite(window.states[grid.observed - 1, i]).all()
+    ]
+    ready = list(waiting)
+    while waiting:
+        away = np.linalg.norm(now[ready] - now[waiting[0]], axis=1)
+        group = [ready[k] for k in np.argsort(away, kind="stable") if away[k] <= REACH][:AGENTS]
+        waiting = [i for i in waiting if i not in group]
+        known = slice(grid.observed)
+        history = History(
+            window.states[known][:, group],
+            window.headings[known][:, group],
+            tuple(window.kinds[i] for i in group),
+            window.extents[group],
+            grid.dt,
+        )
+        yield _one(history, window.states[grid.observed :][:, group, :2])
+
+
+def simulated_scenes(row: Row) -> Iterator[Scenes]:
+    """Of an episode as `generation` makes it, with the ego's noise on everybody's states."""
+    setting = setting_of(row["place"])
+    scene = setting.make().scene
+    count, steps, dt = row["players"], row["steps"], row["dt"]
+    every = max(1, round(STEP_SECONDS / dt))
+    states = np.array(row["states"]).reshape(steps + 1, count, 4)
+    seen = np.empty((steps, count, 4))
+    order = [row["ego"], *(j for j in range(count) if j != row["ego"])]
+    observed = np.array(row["observations"]).reshape(steps, -1)[:, : 4 * count]
+    seen[:, order] = observed.reshape(steps, count, 4)
+    first = (LEAST_OBSERVED - 1) * every
+    for moment in range(first, steps + 1 - LEAST_PREDICTED * every, every):
+        rows = range(max(moment % every, moment - 7 * every), moment + 1, every)
+        plain = history_of(scene, tuple(seen[min(k, steps - 1)] for k in rows))
+        history = History(plain.states, plain.headings, plain.kinds, plain.extents, every * dt)
+        ahead = range(moment + every, steps + 1, every)
+        yield _one(history, states[list(ahead), :, :2])

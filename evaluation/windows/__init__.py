@@ -1,0 +1,1 @@
+"""Prediction windows from recordings and simulations."""
