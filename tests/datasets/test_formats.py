@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from made_recordings import assert_close, random_recording, write
 
 from foresight_env.datasets import (
     Recording,
@@ -22,6 +21,7 @@ from foresight_env.datasets import (
     write_ind,
     write_ucy,
 )
+from tests.support.made_recordings import assert_close, random_recording, write
 
 SOURCES = ("ind", "dut", "ucy")
 quick = settings(max_examples=40, deadline=None, suppress_health_check=list(HealthCheck))

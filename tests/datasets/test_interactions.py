@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from made_recordings import walk
 
 from foresight_env.datasets import Recording, Track, closest_crossings, find_interaction
+from tests.support.made_recordings import walk
 
 RATE = 10.0
 

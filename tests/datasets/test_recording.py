@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from made_recordings import random_recording, walk
 
 from foresight_env.datasets import Recording, Track
+from tests.support.made_recordings import random_recording, walk
 
 seeds = st.integers(0, 2**32 - 1)
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import warnings
 from functools import partial
 
-import conformance
 import gymnasium
 import numpy as np
 import pettingzoo
@@ -13,6 +12,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 from foresight_env.envs import crosswalk_v0, driving_v0, intersection_v0
+from tests.support import env_conformance as conformance
 
 with warnings.catch_warnings():
     # PettingZoo's tests import its own environments in a way that it has deprecated itself.

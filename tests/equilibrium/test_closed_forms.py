@@ -6,7 +6,6 @@ from functools import lru_cache
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from small_games import Linear, Quadratic
 
 from foresight_env.equilibrium import Status, solve
 from foresight_env.games import (
@@ -19,6 +18,7 @@ from foresight_env.games import (
     Player,
     SharedInequality,
 )
+from tests.support.small_games import Linear, Quadratic
 
 HORIZON = 6
 STATE_SIZES, CONTROL_SIZES = (2, 3), (2, 2)

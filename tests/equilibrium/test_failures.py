@@ -7,7 +7,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from small_games import CROSSING_GAMMA, CROSSING_STATES, crossing, crossing_theta
 
 from foresight_env.equilibrium import Options, SolveError, Status, shift, solve, solve_many
 from foresight_env.equilibrium.checks.validation import check_parameters
@@ -26,6 +25,7 @@ from foresight_env.games import (
     SharedInequality,
 )
 from foresight_env.scenarios.crosswalk import crosswalk_game, nominal_setting
+from tests.support.small_games import CROSSING_GAMMA, CROSSING_STATES, crossing, crossing_theta
 
 ORIGIN = np.zeros((1, 4))
 GOAL = ({"goal": np.ones(2)},)

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from small_games import CROSSING_GAMMA, CROSSING_STATES, crossing, crossing_theta
 
 from foresight_env.equilibrium import solve
 from foresight_env.games import full_state, positions
 from foresight_env.inverse import Free, cramer_rao
+from tests.support.small_games import CROSSING_GAMMA, CROSSING_STATES, crossing, crossing_theta
 
 FREE = Free(("goal",), True, False)
 

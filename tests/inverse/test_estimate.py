@@ -6,7 +6,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from small_games import CROSSING_GAMMA, CROSSING_GOALS, CROSSING_STATES, crossing, crossing_theta
 
 from foresight_env.equilibrium import Options, Status, solve
 from foresight_env.equilibrium.checks.validation import check_parameters
@@ -25,6 +24,13 @@ from foresight_env.inverse import (
 )
 from foresight_env.inverse.validation import check_kinds
 from foresight_env.scenarios.crosswalk import MONTE_CARLO, crosswalk_game
+from tests.support.small_games import (
+    CROSSING_GAMMA,
+    CROSSING_GOALS,
+    CROSSING_STATES,
+    crossing,
+    crossing_theta,
+)
 
 FULL = full_state((4, 4))
 NO_PRIOR = Prior(gamma_weight=0.0)

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from small_games import Linear
 
 from foresight_env.games import (
     Effort,
@@ -15,6 +14,7 @@ from foresight_env.games import (
 )
 from foresight_env.games.arc import arc
 from foresight_env.inverse import NeverSeenError, guess_initial_states
+from tests.support.small_games import Linear
 
 WALKER = Linear.of(np.eye(2), 0.2 * np.eye(2))
 GAME = Game(

@@ -4,12 +4,18 @@ import sys
 
 import numpy as np
 import pytest
-from small_games import CROSSING_GAMMA, CROSSING_GOALS, CROSSING_STATES, crossing, crossing_theta
 
 from foresight_env.equilibrium import Status, solve
 from foresight_env.games import full_state
 from foresight_env.inverse import Free, GradientDescent, MultiStart, Prior, Profile, estimate
 from foresight_env.inverse.fit import Fit
+from tests.support.small_games import (
+    CROSSING_GAMMA,
+    CROSSING_GOALS,
+    CROSSING_STATES,
+    crossing,
+    crossing_theta,
+)
 
 DEVIATION = 0.005
 module = sys.modules[Profile.__module__]

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 import foresight_env.envs  # noqa: F401  (registers the environments)
-from foresight_env.envs.crosswalk.env import functional
-from foresight_env.envs.crosswalk.env import world as crosswalk_world
+from foresight_env.envs.crosswalk import functional
+from foresight_env.envs.crosswalk import world as crosswalk_world
 from foresight_env.envs.crosswalk.functional import CrosswalkSetting
 from foresight_env.envs.crosswalk.vector import CrosswalkVectorEnv
 from foresight_env.envs.crosswalk.vector_oracle import padded

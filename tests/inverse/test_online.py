@@ -4,13 +4,13 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from small import HORIZON, WINDOW
 
 import foresight_env.inverse.window_fit as window_fit
 from foresight_env.envs.core.scene import own_first
 from foresight_env.equilibrium import Status, solve
 from foresight_env.inverse import Free, OnlineEstimator, Prior
 from foresight_env.scenarios.crosswalk import MONTE_CARLO, crosswalk_game, player_theta
+from tests.support.small_crossings import HORIZON, WINDOW
 
 GAME = crosswalk_game(2, HORIZON)
 MODEL = own_first("full", GAME, 0)

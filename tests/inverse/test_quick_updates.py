@@ -5,7 +5,6 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from test_online import GAMMA, LENGTH, STD, WINDOW, estimator, run, seen, start
 
 import foresight_env.inverse.window_fit as window_fit
 from agents import make_ego
@@ -13,6 +12,7 @@ from foresight_env.envs import crosswalk_v0
 from foresight_env.equilibrium import Status, solve
 from foresight_env.inverse import Rates, estimate
 from foresight_env.inverse.window_fit import moved_along, rates_of
+from tests.inverse.test_online import GAMMA, LENGTH, STD, WINDOW, estimator, run, seen, start
 
 
 @lru_cache

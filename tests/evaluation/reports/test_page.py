@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from made_rows import episode_rows, estimation_rows
 from PIL import Image
 from rich.table import Table
 
@@ -26,6 +25,7 @@ from evaluation.rollout.setting import RunSetting
 from evaluation.samples.recording import write_sample
 from evaluation.studies import closed_loop, estimation, prediction
 from evaluation.studies.closed_loop import EGO_GAMMA, ClosedLoop
+from tests.support.made_rows import episode_rows, estimation_rows
 
 STEPS = ("state", "seen", "planned", "predicted", "gammas", "failed")
 

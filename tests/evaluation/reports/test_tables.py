@@ -6,7 +6,6 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from made_rows import episode_rows, estimation_rows
 from rich.console import Console
 
 from agents.interfaces.predictor import Forecast, History
@@ -16,6 +15,7 @@ from evaluation.studies.closed_loop import summarise
 from evaluation.windows.encounters import PREDICTORS, Encounter, Judged
 from evaluation.windows.interaction import PredictionWindow
 from foresight_env.datasets import Interaction
+from tests.support.made_rows import episode_rows, estimation_rows
 
 
 def shown(function, *arguments, width=80):

@@ -6,7 +6,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from small_games import (
+
+from foresight_env.equilibrium import WEAK_COMPLEMENTARITY, Options, Status, solve
+from tests.support.small_games import (
     CROSSING_GAMMA,
     CROSSING_GOALS,
     CROSSING_STATES,
@@ -17,8 +19,6 @@ from small_games import (
     crossing_theta,
     unequal_sizes,
 )
-
-from foresight_env.equilibrium import WEAK_COMPLEMENTARITY, Options, Status, solve
 
 # All that an equilibrium depends on, as one vector: x0 (8), goals (4), price, gammas (2).
 POINT = np.concatenate([CROSSING_STATES.ravel(), CROSSING_GOALS.ravel(), [2.0], CROSSING_GAMMA])

@@ -5,7 +5,6 @@ from __future__ import annotations
 import subprocess
 import sys
 
-import conformance
 import gymnasium
 import numpy as np
 import pytest
@@ -20,6 +19,7 @@ from foresight_env.envs.crosswalk.world import closest_approach
 from foresight_env.equilibrium import Status, solve
 from foresight_env.scenarios.crosswalk import Ranges, crosswalk_game, draw_crossing
 from foresight_env.scenarios.situation import Situation
+from tests.support import env_conformance as conformance
 
 EGO = "pedestrian_0"
 STILL = {EGO: np.zeros(2, dtype=np.float32)}

@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from made_rows import episode_rows, estimation_rows
 from PIL import Image
 
 from evaluation.reports import figures
 from evaluation.studies.closed_loop import paired_difference, summarise
 from evaluation.studies.heatmap import heatmap
 from foresight_env.scenarios.crosswalk import HEATMAP
+from tests.support.made_rows import episode_rows, estimation_rows
 
 
 def check(path, width, height):

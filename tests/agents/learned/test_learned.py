@@ -6,7 +6,6 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
-from pathlib import Path
 
 import equinox as eqx
 import jax
@@ -177,9 +176,8 @@ def test_a_training_that_was_interrupted_ends_the_same(tmp_path):
 
 KILLED = """
 import sys, time
-sys.path.insert(0, {tests!r})
 from pathlib import Path
-from test_learned import SCHEDULE, data, line, squared, train
+from tests.agents.learned.test_learned import SCHEDULE, data, line, squared, train
 print("begun", flush=True)
 train(line, squared, data(0), data(1), Path(sys.argv[1]), SCHEDULE, told=lambda e: time.sleep(0.05))
 """
@@ -187,7 +185,7 @@ train(line, squared, data(0), data(1), Path(sys.argv[1]), SCHEDULE, told=lambda 
 
 def test_a_training_that_was_killed_ends_the_same(tmp_path):
     whole = train(line, squared, data(0), data(1), tmp_path / "whole", SCHEDULE)
-    script = [sys.executable, "-c", KILLED.format(tests=str(Path(__file__).parent))]
+    script = [sys.executable, "-c", KILLED]
     process = subprocess.Popen([*script, str(tmp_path / "killed")], stdout=subprocess.PIPE)
     file = tmp_path / "killed" / "checkpoint.safetensors"
     while not file.exists() and process.poll() is None:

@@ -5,13 +5,11 @@ import subprocess
 import sys
 from dataclasses import dataclass
 from functools import lru_cache
-from pathlib import Path
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from small_games import CROSSING_STATES, crossing, crossing_theta
 
 from foresight_env.equilibrium import Options, Status, solve, verify
 from foresight_env.equilibrium.checks.validation import check_parameters
@@ -26,6 +24,7 @@ from foresight_env.equilibrium.verification.best_response import (
 from foresight_env.equilibrium.verification.verify import restricted
 from foresight_env.games import DoubleIntegrator, Effort, Game, Player
 from foresight_env.scenarios.crosswalk import crosswalk_game, draw_crossing
+from tests.support.small_games import CROSSING_STATES, crossing, crossing_theta
 
 
 def test_random_crosswalks_are_solved_and_some_verified():
@@ -125,7 +124,7 @@ import os
 os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
 import numpy as np
 from foresight_env.equilibrium import solve, verify
-from test_verify import ring
+from tests.equilibrium.verification.test_verify import ring
 x0, theta = np.array([[0.8, 0.0, 0.0, 0.0]]), ({"height": 1.0},)
 assert verify(ring(), solve(ring(), x0, theta, 0.9), theta, 0.9).is_local_equilibrium
 """
@@ -134,6 +133,5 @@ assert verify(ring(), solve(ring(), x0, theta, 0.9), theta, 0.9).is_local_equili
 @pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="no affinity on this system")
 def test_one_core_is_enough():
     """XLA compiles in another way there, and some LAPACK calls not at all (jaxlib 0.10)."""
-    here = Path(__file__).resolve().parent
-    run = subprocess.run([sys.executable, "-c", ON_ONE_CORE], cwd=here, capture_output=True)
+    run = subprocess.run([sys.executable, "-c", ON_ONE_CORE], capture_output=True)
     assert run.returncode == 0, run.stderr.decode()

@@ -9,7 +9,8 @@ import time
 from pathlib import Path
 
 import pytest
-import stand_in
+
+from tests.support import stand_in_study as stand_in
 
 pytest.importorskip("distributed")
 
@@ -17,9 +18,9 @@ from evaluation.execution.local import results
 from evaluation.execution.store import Store
 from evaluation.execution.trial import Attempt
 
-FOLDERS = (Path(stand_in.__file__).parent, Path(stand_in.__file__).parents[2])
+ROOT = Path(stand_in.__file__).parents[2]
 ATTEMPT = Attempt(stand_in.trial, stand_in.KEY)
-HERE = {**os.environ, "PYTHONPATH": os.pathsep.join(str(folder) for folder in FOLDERS)}
+HERE = {**os.environ, "PYTHONPATH": str(ROOT)}
 
 
 def started(*arguments):
@@ -63,7 +64,7 @@ def test_a_worker_that_is_killed_costs_no_row(tmp_path, scheduler, worker):
     wanted = stand_in.study(tmp_path / "here")
     first, _ = (worker("--nthreads", "1") for _ in range(2))
     study = subprocess.Popen(
-        [sys.executable, stand_in.__file__, str(tmp_path / "there"), scheduler, "0.3"],
+        [sys.executable, "-m", stand_in.__name__, str(tmp_path / "there"), scheduler, "0.3"],
         env=HERE,
         stdout=subprocess.DEVNULL,
         start_new_session=True,

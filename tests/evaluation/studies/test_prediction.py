@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from made_crossings import FRAMES, RATE, recording, two_people, walk
 from rich.console import Console
 
 from agents.interfaces.predictor import Forecast, History, single
@@ -25,6 +24,7 @@ from evaluation.windows.interaction import (
     split_of,
 )
 from foresight_env.datasets import write_ucy
+from tests.support.made_crossings import FRAMES, RATE, recording, two_people, walk
 
 
 def test_windows_follow_the_rule():

@@ -2,7 +2,9 @@
 
 import numpy as np
 import pytest
-from small_games import (
+
+from foresight_env.equilibrium import Status, shift, solve
+from tests.support.small_games import (
     CROSSING_GAMMA,
     CROSSING_STATES,
     UNEQUAL_STATES,
@@ -11,8 +13,6 @@ from small_games import (
     crossing_theta,
     unequal_sizes,
 )
-
-from foresight_env.equilibrium import Status, shift, solve
 
 CLOSEST, PRICE, DT = 0.9, 2.0, 0.2
 

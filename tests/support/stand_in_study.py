@@ -1,12 +1,11 @@
-"""A small study whose trials cost nothing: `python ... FOLDER WORKERS SECONDS`, WORKERS a number or
-a Dask scheduler."""
+"""A small study with trials that cost nothing, run by other processes.
+
+`python -m tests.support.stand_in_study FOLDER WORKERS SECONDS`; WORKERS: a number or a scheduler.
+"""
 
 import signal
 import sys
 import time
-from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from evaluation.execution.runner import run_trials
 from evaluation.execution.store import Store
@@ -34,7 +33,8 @@ def study(folder, workers=0, seconds=0.0, seeds=SEEDS):
 if __name__ == "__main__":
     # What starts it may ignore interrupts (a shell does for its background jobs).
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    import stand_in  # as other processes know it: there `__main__` is something else
+    # As other processes import it: there `__main__` is something else.
+    from tests.support import stand_in_study
 
     workers = int(sys.argv[2]) if sys.argv[2].isdigit() else sys.argv[2]
-    stand_in.study(sys.argv[1], workers, float(sys.argv[3]))
+    stand_in_study.study(sys.argv[1], workers, float(sys.argv[3]))

@@ -4,13 +4,13 @@ from collections.abc import Mapping
 
 import numpy as np
 import pytest
-from small import HORIZON, STEPS, crossing, drive, ego
 
 import agents.egos.planning
 from agents import EGOS, Decision, Oracle, constant_velocity, make_ego
 from foresight_env.equilibrium import Status
 from foresight_env.games import inside_bounds
 from foresight_env.scenarios.crosswalk import CONTROL_LIMIT, DT, SPEED_LIMIT, crosswalk_game
+from tests.support.small_crossings import HORIZON, STEPS, crossing, drive, ego
 
 EGO = "pedestrian_0"
 BLIND = [name for name in EGOS if name != "oracle"]

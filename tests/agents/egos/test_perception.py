@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from small import crossing
 
 from agents.egos.perception import Perception
 from agents.egos.predict_then_plan import PredictThenPlan
 from foresight_env.scenarios.crosswalk import DT
+from tests.support.small_crossings import crossing
 
 VELOCITY = np.array([0.3, -0.2])
 START = np.array([0.5, 1.5])

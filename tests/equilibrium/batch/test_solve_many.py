@@ -6,7 +6,12 @@ import sys
 import jax
 import numpy as np
 import pytest
-from small_games import (
+
+from foresight_env.equilibrium import Options, Status, shift, solve, solve_many
+from foresight_env.equilibrium.batch.solve_many import LIBRARY_LANES, default_lanes
+from foresight_env.equilibrium.conditions.layout import layout_of
+from foresight_env.scenarios.crosswalk import crosswalk_game
+from tests.support.small_games import (
     CROSSING_GAMMA,
     CROSSING_GOALS,
     CROSSING_STATES,
@@ -16,11 +21,6 @@ from small_games import (
     crossing_theta,
     unequal_sizes,
 )
-
-from foresight_env.equilibrium import Options, Status, shift, solve, solve_many
-from foresight_env.equilibrium.batch.solve_many import LIBRARY_LANES, default_lanes
-from foresight_env.equilibrium.conditions.layout import layout_of
-from foresight_env.scenarios.crosswalk import crosswalk_game
 
 COUNT = 11
 

@@ -3,7 +3,6 @@
 import csv
 import re
 from html.parser import HTMLParser
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -148,11 +147,10 @@ def command(monkeypatch):
 
 
 def test_anybody_s_own_predictor_is_a_line_of_the_table(command, tmp_path, monkeypatch):
-    monkeypatch.syspath_prepend(Path(__file__).parent)
     prediction.warm_up.cache_clear()
     out = tmp_path / "out"
     given = ("--scenarios", "crosswalk", "--episodes", 5, "--workers", 0, "--out", out)
-    own = "test_benchmark:Straight"
+    own = f"{__name__}:Straight"
     chosen = ("--predictors", f"constant-velocity,{own}", "--egos", f"constant-velocity,{own}+plan")
     result = command(*given, *chosen)
     assert result.exit_code == 0, result.output

@@ -7,10 +7,8 @@ import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import pytest
-import stand_in
 
 import evaluation.execution.store as store_module
 from evaluation.execution.runner import run_trials
@@ -18,6 +16,7 @@ from evaluation.execution.store import Store, StoreError, read_results
 from evaluation.execution.trial import Attempt
 from evaluation.studies import closed_loop, estimation
 from foresight_env.files import write_atomically
+from tests.support import stand_in_study as stand_in
 
 ROWS = stand_in.SEEDS * len(stand_in.EGOS)
 
@@ -196,7 +195,9 @@ def test_a_failing_trial_is_a_row(tmp_path):
     broken = [r for r in rows if r["error"]]
     assert [(r["ego"], r["seed"]) for r in broken] == [(e, s) for e in "ab" for s in (5, 11)]
     for row in broken:
-        assert row["error"].startswith(f"ArithmeticError: no luck with {row['seed']} (stand_in.py:")
+        assert row["error"].startswith(
+            f"ArithmeticError: no luck with {row['seed']} (stand_in_study.py:"
+        )
         assert row["value"] is None
     assert all(r["value"] is not None for r in rows if not r["error"])
     alone = Attempt(stand_in.trial, ("seed",))({"ego": "a", "seed": 5, "seconds": 0.0})
@@ -222,7 +223,7 @@ def test_killed_at_random_moments_and_run_again(tmp_path):
     wanted = stand_in.study(tmp_path / "undisturbed")
     folder = tmp_path / "killed"
     chance = random.Random(0)
-    script = [sys.executable, str(Path(stand_in.__file__)), str(folder)]
+    script = [sys.executable, "-m", stand_in.__name__, str(folder)]
     seen = set()
     for _ in range(10):
         process = subprocess.Popen(
@@ -247,7 +248,7 @@ def test_killed_at_random_moments_and_run_again(tmp_path):
 
 
 def test_an_interrupt_ends_a_study_at_once(tmp_path):
-    script = [sys.executable, str(Path(stand_in.__file__)), str(tmp_path / "study"), "2", "2.0"]
+    script = [sys.executable, "-m", stand_in.__name__, str(tmp_path / "study"), "2", "2.0"]
     process = subprocess.Popen(
         script, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
     )
@@ -274,7 +275,7 @@ def test_a_fresh_study_forgets_the_old_one(tmp_path):
 
 def test_worker_processes_give_the_same_rows(tmp_path):
     wanted = stand_in.study(tmp_path / "here")
-    script = [sys.executable, str(Path(stand_in.__file__)), str(tmp_path / "there"), "2", "0"]
+    script = [sys.executable, "-m", stand_in.__name__, str(tmp_path / "there"), "2", "0"]
     subprocess.run(script, check=True, capture_output=True)
     there = Store(tmp_path / "there", "stand-in", {"seeds": stand_in.SEEDS}, stand_in.KEY)
     assert there.rows() == wanted
