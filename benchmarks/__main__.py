@@ -12,7 +12,7 @@ import typer
 from benchmarks.document import DOCUMENT, circumstances, record
 from benchmarks.report import Setting
 from benchmarks.timing import ROOT
-from evaluation.cli.terminal import terminal
+from evaluation.reports.terminal import terminal
 
 
 class Study(StrEnum):

@@ -9,7 +9,8 @@ from agents import EGOS
 from benchmarks.report import Result, Row, Setting
 from benchmarks.timing import Yardstick
 from evaluation.metrics.statistics import Interval
-from evaluation.studies.closed_loop import MAX_STEPS, paired_difference, study, summarise
+from evaluation.rollout.setting import MAX_STEPS
+from evaluation.studies.closed_loop import paired_difference, study, summarise
 
 
 def told(interval: Interval) -> str:

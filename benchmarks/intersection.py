@@ -12,9 +12,10 @@ from benchmarks.report import Result, Row, Setting
 from benchmarks.timing import Yardstick, median_seconds
 from foresight_env.equilibrium import Status, shift, solve, verify
 from foresight_env.games import Game, full_state, inside_bounds
+from foresight_env.games.motion import driving_state
 from foresight_env.inverse import Free, Prior, estimate
 from foresight_env.scenarios.aachen import AACHEN
-from foresight_env.scenarios.intersection import driving_state, intersection_game, player_theta
+from foresight_env.scenarios.intersection import intersection_game, player_theta
 
 WANTED_SECONDS = 0.010
 """Median of a forward solve, on a machine whose yardstick is 2.5 ms."""

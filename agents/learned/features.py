@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32
 
 from agents.interfaces.predictor import History
-from foresight_env.scenarios.encounter import is_vehicle
+from foresight_env.games.kinds import is_vehicle
 
 STEP = 0.4
 """Seconds between the steps that networks see and predict."""

@@ -8,16 +8,14 @@ from jaxtyping import Float
 from agents.interfaces.predictor import History
 from agents.predictors.kinematic import turn_rate
 from foresight_env.games.arc import arc
-from foresight_env.scenarios.encounter import is_vehicle
-from foresight_env.scenarios.junction import CAR_LENGTH, CAR_WIDTH, PEDESTRIAN_RADIUS
+from foresight_env.games.kinds import is_vehicle, kind_of
 
 
 def body_size(history: History, agent: int) -> tuple[float, float]:
     """Length and width, m; usual ones where the recording states none."""
-    usual = (CAR_LENGTH, CAR_WIDTH)
-    if not is_vehicle(history.kinds[agent]):
-        usual = (2.0 * PEDESTRIAN_RADIUS, 2.0 * PEDESTRIAN_RADIUS)
-    stated = np.where(history.extents[agent] > 0.0, history.extents[agent], usual)
+    usual = kind_of(history.kinds[agent])
+    extent = history.extents[agent]
+    stated = np.where(extent > 0.0, extent, (usual.length, usual.width))
     return float(stated[0]), float(stated[1])
 
 

@@ -10,8 +10,8 @@ from jaxtyping import Float
 from agents.interfaces.predictor import History
 from agents.predictors.kinematic import turn_rate
 from foresight_env.games.arc import arc
+from foresight_env.games.motion import driving_states
 from foresight_env.scenarios.encounter import CURVATURE_LIMIT, is_vehicle
-from foresight_env.scenarios.intersection import driving_states
 
 LEAST_SPEED = 0.5
 """A slower vehicle's curvature is its turn rate over this speed, m/s."""

@@ -15,7 +15,7 @@ from jaxtyping import Float
 from agents.interfaces.predictor import Forecast, History, single
 from agents.predictors.bodies import body_size, recent_turn, wanted_velocities
 from foresight_env.games.arc import arc
-from foresight_env.scenarios.encounter import is_vehicle
+from foresight_env.games.kinds import is_vehicle
 
 SUBSTEP = 0.1
 """Longest time step of the integration, s."""

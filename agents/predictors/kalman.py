@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from agents.interfaces.predictor import Forecast, History
-from foresight_env.scenarios.encounter import is_vehicle
+from foresight_env.games.kinds import is_vehicle
 
 
 @dataclass(frozen=True)

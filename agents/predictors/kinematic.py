@@ -9,8 +9,8 @@ from jaxtyping import Float
 
 from agents.interfaces.predictor import Forecast, History, single
 from foresight_env.games.arc import arc
-from foresight_env.scenarios.encounter import is_vehicle
-from foresight_env.scenarios.intersection import driving_states
+from foresight_env.games.kinds import is_vehicle
+from foresight_env.games.motion import driving_states
 
 TURNING_SPEED = 0.5
 """Below this a vehicle's turn rate says nothing of its path, m/s."""

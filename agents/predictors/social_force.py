@@ -16,7 +16,7 @@ from jaxtyping import Float
 
 from agents.interfaces.predictor import Forecast, History, single
 from agents.predictors.bodies import body_size, wanted_velocities
-from foresight_env.scenarios.encounter import is_vehicle
+from foresight_env.games.kinds import is_vehicle
 
 SUBSTEP = 0.05
 """Longest time step of the integration, s."""

@@ -9,7 +9,6 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from evaluation.cli.terminal import terminal
 from evaluation.execution.local import Workers
 from evaluation.reports.driving import distances_over_time, print_driving
 from evaluation.reports.episode_pictures import draw_episode
@@ -37,7 +36,9 @@ from evaluation.reports.tables import (
     print_estimation,
     told_gamma,
 )
+from evaluation.reports.terminal import terminal
 from evaluation.rollout.endings import ending
+from evaluation.rollout.episode import episode, inferred
 from evaluation.rollout.setting import RunSetting
 from evaluation.samples import junction as junction_sample
 from evaluation.samples.junction import write_junction_sample
@@ -45,7 +46,7 @@ from evaluation.samples.recording import true_gammas, write_sample
 from evaluation.studies import closed_loop, estimation, prediction
 from evaluation.studies import driving as driving_study
 from evaluation.studies import intersection as intersection_study
-from evaluation.studies.closed_loop import ClosedLoop, episode, inferred, summarise
+from evaluation.studies.closed_loop import ClosedLoop, summarise
 from evaluation.studies.driving import DrivingSetting
 from evaluation.studies.heatmap import heatmap
 from evaluation.studies.intersection import check_moment, check_seen

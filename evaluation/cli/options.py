@@ -13,6 +13,8 @@ from typing import Annotated, Any
 
 import typer
 
+from evaluation.execution.process import keep_compiled_programs
+
 EGO_NAMES = ("oracle", "foresight", "farsighted", "constant-velocity")
 EGO_HELP = (
     "One of oracle, foresight (in tables: gamma inferred), farsighted (gamma = 1), "
@@ -57,13 +59,6 @@ class Behaviour(StrEnum):
     RECEDING = "receding"
     OPEN_LOOP = "open_loop"
     IDM = "idm"
-
-
-def keep_compiled_programs() -> None:
-    """Let JAX keep compiled programs between runs, unless the user has said where or whether."""
-    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(cache / "foresight_env" / "jax"))
-    os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.3")
 
 
 def plain_errors(command: Callable[..., None]) -> Callable[..., None]:

@@ -9,8 +9,7 @@ from typing import Any
 from distributed import Client, as_completed
 from distributed.diagnostics.plugin import WorkerPlugin
 
-from evaluation.cli.options import keep_compiled_programs
-from evaluation.execution.local import single_threaded
+from evaluation.execution.process import keep_compiled_programs, single_threaded
 from evaluation.execution.store import Row, Trial
 from evaluation.execution.trial import Attempt
 from foresight_env import __version__

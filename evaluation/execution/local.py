@@ -9,6 +9,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from importlib.util import find_spec
 
+from evaluation.execution.process import single_threaded
 from evaluation.execution.store import Row, Trial
 from evaluation.execution.trial import Attempt
 
@@ -34,14 +35,6 @@ def results(attempt: Attempt, trials: Sequence[Trial], workers: Workers) -> Gene
 def available_workers() -> int:
     """Processes that may run at once on this machine."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-def single_threaded() -> None:
-    """Keep a worker's numerical libraries on one thread: the workers share the cores."""
-    os.environ["OMP_NUM_THREADS"] = "1"
-    # Not XLA_FLAGS: those are part of a compiled program's cache key, and this process would
-    # compile anew what its workers have compiled.
-    os.environ["PJRT_NPROC"] = "1"
 
 
 def _process_results(attempt: Attempt, trials: Sequence[Trial], count: int) -> Generator[Row]:

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Hashable, Sequence
 from pathlib import Path
 
-from evaluation.cli.terminal import terminal
 from evaluation.execution.local import Workers
 from evaluation.execution.store import Row
 from evaluation.reports.benchmark_page import print_parts, write_page
 from evaluation.reports.benchmark_results import Part, closed_part, common, open_part, write_csv
 from evaluation.reports.naming import OTHERS
+from evaluation.reports.terminal import terminal
 from evaluation.rollout.places import is_driving
 from evaluation.studies import prediction
 from evaluation.studies.benchmark import Plan, closed_study, open_study

@@ -10,9 +10,9 @@ import numpy as np
 from PIL import Image
 
 from evaluation.reports.figures import gamma_over_time
+from evaluation.rollout.episode import Step, episode, inferred
 from evaluation.rollout.setting import RunSetting
-from evaluation.studies.closed_loop import Step, episode, inferred
-from foresight_env.envs.core.overlay import Overlay
+from foresight_env.envs.rendering.overlay import Overlay
 from foresight_env.files import write_atomically
 
 

@@ -20,7 +20,7 @@ from evaluation.reports.figures import save
 from evaluation.reports.naming import colour_of, label_of
 from evaluation.studies.prediction import SECONDS
 from evaluation.windows.table import WINDOW
-from foresight_env.scenarios.encounter import is_vehicle
+from foresight_env.games.kinds import is_vehicle
 
 FIRST = "foresight"
 """What the others are compared with, where it is among them."""

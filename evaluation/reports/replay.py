@@ -10,9 +10,9 @@ from jaxtyping import Float
 
 from evaluation.reports.naming import label_of
 from evaluation.rollout.endings import ending
+from evaluation.rollout.episode import Step, inferred, observed_states, run_episode
 from evaluation.rollout.setting import RunSetting
-from evaluation.studies.closed_loop import Step, episode, inferred
-from foresight_env.envs.core.scenery import Disc
+from foresight_env.envs.rendering.scenery import Disc
 from foresight_env.envs.rendering.style import COLOURS, INTERVAL_DEVIATIONS, Colour
 from foresight_env.games import Vehicle
 
@@ -36,10 +36,9 @@ def replay(ego: str, seed: int, setting: RunSetting, title: str) -> Replay:
     discount factors with 90 % intervals.
     """
     env = setting.make()
-    steps = list(episode(env, ego, seed, setting.gammas))
-    scene, last = env.scene, steps[-1].info
+    found = run_episode(setting, ego, seed, env)
+    scene, last, steps = found.scene, found.last, found.steps
     own = scene.controlled[0]
-    order = [own, *(j for j in range(scene.players) if j != own)]
     width = len(steps[0].state[0]) if scene.observation == "full" else 2
     turning = [isinstance(p.dynamics, Vehicle) for p in scene.game.players]
     data = {
@@ -52,19 +51,15 @@ def replay(ego: str, seed: int, setting: RunSetting, title: str) -> Replay:
         "scenery": _scenery(env.world.scenery),
         "goals": [_short(theta) for theta in last["theta"]["goal"]],
         "gamma": _short(setting.true_gammas(last)),
-        "steps": [_step(s, ego, order, width, turning) for s in steps],
+        "steps": [_step(s, ego, own, width, turning) for s in steps],
         "final": _places(last["state"], turning),
     }
     told = f"{ending(last)} after {last['time']:.1f} s, smallest gap {last['min_distance']:.2f} m"
     return Replay(f"{title}: {label_of(ego)}, seed {seed}", told, data)
 
 
-def _step(
-    step: Step, ego: str, order: list[int], width: int, turning: list[bool]
-) -> dict[str, Any]:
-    count = len(order)
-    seen = np.empty((count, 2))
-    seen[order] = step.observation[: count * width].reshape(count, width)[:, :2]
+def _step(step: Step, ego: str, own: int, width: int, turning: list[bool]) -> dict[str, Any]:
+    seen = observed_states(step.observation[None], own, len(turning), width)[0, :, :2]
     decision = step.decision
     gammas = inferred(ego, decision)
     return {

@@ -13,7 +13,8 @@ from rich.table import Table
 from evaluation.execution.store import Row
 from evaluation.metrics.statistics import Interval, mean_interval
 from evaluation.reports.naming import label_of
-from evaluation.studies.closed_loop import MAX_STEPS, Summary, paired_difference
+from evaluation.rollout.setting import MAX_STEPS
+from evaluation.studies.closed_loop import Summary, paired_difference
 from evaluation.studies.estimation import LEAST_STD, METHODS, bound
 from evaluation.windows.encounters import Encounter, Judged
 from foresight_env.envs.rendering.style import INTERVAL_DEVIATIONS

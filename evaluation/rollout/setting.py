@@ -9,10 +9,15 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from evaluation.studies.closed_loop import MAX_STEPS, OTHERS_GAMMA
 from foresight_env.envs import crosswalk_v0, driving_v0, intersection_v0
 from foresight_env.highway.ranges import DrivingRanges
 
+EGO_GAMMA = 0.95
+"""The ego's own discount factor: a robot that looks ahead."""
+OTHERS_GAMMA = (0.3, 1.0)
+"""Range of the others' discount factors at the crosswalk and the intersection."""
+MAX_STEPS = 100
+"""Steps after which an episode at the crosswalk is truncated."""
 EGO_CAR = 0
 """The ego's in driving, whose manoeuvre the scene is named after."""
 

@@ -13,12 +13,10 @@ import numpy as np
 
 from foresight_env.datasets import Recording, Track, write_ind
 from foresight_env.equilibrium import Status, solve
+from foresight_env.games.kinds import is_vehicle, kind_of
 from foresight_env.scenarios.aachen import AACHEN_ROTATION
-from foresight_env.scenarios.intersection import DT, HORIZON, is_walking
+from foresight_env.scenarios.intersection import DT, HORIZON
 from foresight_env.scenarios.junction import (
-    CAR_LENGTH,
-    CAR_WIDTH,
-    PEDESTRIAN_RADIUS,
     draw_junction,
     junction_game,
     junction_kinds,
@@ -49,14 +47,14 @@ def made_junction(seed: int = 0, noise_std: float = 0.01) -> Recording:
         frames = np.arange(coarse[-1] + 1)
         fine = np.stack([np.interp(frames, coarse, column) for column in states.T], axis=1)
         fine += noise_std * random.standard_normal(fine.shape)
-        walks = is_walking(kind)
+        walks = not is_vehicle(kind)
         if walks:
             velocity = fine[:, 2:]
             heading = np.arctan2(velocity[:, 1], velocity[:, 0])
         else:
             heading = fine[:, 3]
             velocity = fine[:, 2:3] * np.stack([np.cos(heading), np.sin(heading)], axis=1)
-        size = (2.0 * PEDESTRIAN_RADIUS,) * 2 if walks else (CAR_LENGTH, CAR_WIDTH)
+        size = kind_of(kind).length, kind_of(kind).width
         own = np.mod(heading, 2.0 * math.pi)
         tracks.append(Track(name, kind, FRAMES[0] + frames, fine[:, :2], velocity, own, *size))
     return Recording(f"{NUMBER:02d}", "ind", RATE, tuple(tracks)).rotate(-AACHEN_ROTATION)

@@ -3,23 +3,21 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import islice
 from pathlib import Path
 
 import numpy as np
 
 from agents import make_ego, make_predictor
-from evaluation.cli.options import REACTIVE_NAMES
-from evaluation.execution.compilation import until_forgotten
+from agents.registry import REACTIVE_EGOS
 from evaluation.execution.local import Workers
 from evaluation.execution.provenance import fingerprint
 from evaluation.execution.runner import run_trials
 from evaluation.execution.store import Row, Store, Trial
+from evaluation.rollout.episode import Episode, run_episode, warm_up
 from evaluation.rollout.places import is_driving, setting_of
-from evaluation.studies.closed_loop import WARM_UP_STEPS, Step, episode
-from evaluation.studies.prediction import judged, warm_up
+from evaluation.studies.prediction import judged
+from evaluation.studies.prediction import warm_up as warm_up_predictor
 from evaluation.windows.simulated import BETWEEN, PREDICTED_STEPS, simulated_windows
 
 SCHEMA = 4
@@ -56,7 +54,7 @@ class Plan:
     def egos_of(self, place: str) -> tuple[str, ...]:
         """Those that can be there: highway-env's vehicle needs its roads, networks a crosswalk."""
         roads: tuple[str, ...] = () if is_driving(place) else ("idm",)
-        elsewhere = roads if place == "crosswalk" else (*roads, *REACTIVE_NAMES)
+        elsewhere = roads if place == "crosswalk" else (*roads, *REACTIVE_EGOS)
         return tuple(ego for ego in self.egos if ego not in elsewhere)
 
 
@@ -67,7 +65,9 @@ def run_windows(place: str, seed: int, predictor: str, settings: str) -> Row:
     windows = simulated_windows(place, seed)
     for window in windows:
         history = window.history
-        warm_up(predictor, history.kinds, len(history.states), PREDICTED_STEPS, history.dt)
+        warm_up_predictor(
+            predictor, history.kinds, len(history.states), PREDICTED_STEPS, history.dt
+        )
         begin = time.perf_counter()
         forecast = made.predict(history, PREDICTED_STEPS)
         seconds.append(time.perf_counter() - begin)
@@ -80,45 +80,34 @@ def run_windows(place: str, seed: int, predictor: str, settings: str) -> Row:
     }
 
 
-@until_forgotten
-def _warm_up(place: str, others: str, ego: str) -> None:
-    """Compile in this process what an episode needs, so that latencies are those of running."""
-    chosen = setting_of(place, others)
-    for _ in islice(episode(chosen.make(), ego, 0, chosen.gammas), WARM_UP_STEPS):
-        pass
-
-
-def run_episode(place: str, others: str, ego: str, settings: str, seed: int) -> Row:
+def run_trial(place: str, others: str, ego: str, settings: str, seed: int) -> Row:
     """One episode's row."""
-    _warm_up(place, others, ego)
-    chosen = setting_of(place, others)
-    env = chosen.make()
-    steps = list(episode(env, ego, seed, chosen.gammas))
-    last, dt = steps[-1].info, env.scene.dt
+    setting = setting_of(place, others)
+    warm_up(setting, ego)
+    found = run_episode(setting, ego, seed)
+    last = found.last
     collided, strayed = bool(last["collision"]), bool(last["off_road"])
     return {
         "collision": collided,
         "off_road": strayed and not collided,
         "goal_reached": bool(last["is_success"]),
         "time": float(last["time"]),
-        "time_limit": env.scene.max_steps * dt,
+        "time_limit": found.time_limit,
         "min_gap": float(last["min_distance"]),
-        "cost": -sum(s.info["reward"] for s in steps) * dt,
-        "prediction_error": _prediction_error(steps, dt),
-        "failed_plans": sum(s.decision.failed for s in steps),
-        "failed_fits": sum(s.decision.stale for s in steps),
-        "oracle_failures": int(last["solver_failures"]),
-        "latencies": [1e3 * s.latency for s in steps],
+        "cost": found.cost,
+        "prediction_error": _prediction_error(found),
+        **found.counts,
+        "latencies": found.latencies,
     }
 
 
-def _prediction_error(steps: Sequence[Step], dt: float) -> float | None:
-    """How far (m) others were from where the ego thought, `PREDICTED_SECONDS` later, on average."""
-    ahead = round(PREDICTED_SECONDS / dt)
-    places = np.stack([*(s.state[:, :2] for s in steps), steps[-1].info["state"][:, :2]])
+def _prediction_error(found: Episode) -> float | None:
+    """Mean error (m) of the ego's predictions of others, `PREDICTED_SECONDS` ahead."""
+    ahead = round(PREDICTED_SECONDS / found.dt)
+    places = found.states[..., :2]
     errors = [
         float(np.linalg.norm(path[ahead - 1] - places[k + ahead, j]))
-        for k, step in enumerate(steps)
+        for k, step in enumerate(found.steps)
         for j, path in step.decision.predicted.items()
         if k + ahead < len(places) and len(path) >= ahead
     ]
@@ -149,4 +138,4 @@ def closed_study(folder: Path, plan: Plan, *, workers: Workers = None) -> list[R
         for ego in plan.egos_of(place)
         for seed in range(plan.episodes)
     ]
-    return run_trials(run_episode, trials, store, workers=workers, label="closed loop")
+    return run_trials(run_trial, trials, store, workers=workers, label="closed loop")

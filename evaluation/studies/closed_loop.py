@@ -6,52 +6,25 @@ equilibrium of the true game at every step, with discount factors that nobody is
 
 from __future__ import annotations
 
-import time
-from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float
 
-from agents import Decision, make_ego
-from evaluation.execution.compilation import until_forgotten
+from agents import make_ego
 from evaluation.execution.local import Workers
 from evaluation.execution.provenance import fingerprint
 from evaluation.execution.runner import run_trials
 from evaluation.execution.store import Row, Store
 from evaluation.metrics.statistics import Interval, mean_interval
-from foresight_env.envs.crosswalk_v0 import parallel_env
+from evaluation.rollout.episode import run_episode, warm_up
+from evaluation.rollout.setting import MAX_STEPS, RunSetting
 
-EGO_GAMMA = 0.95
-"""The ego's own discount factor: a robot that looks ahead."""
-OTHERS_GAMMA = (0.3, 1.0)
-MAX_STEPS = 100
 KEY = ("ego", "settings", "seed")
 SCHEMA = 6
 """Counted up when rows get other columns, mean something else or come from another way of solving
 or planning: older folders are refused."""
-KNOWING = ("oracle", "farsighted")
-"""Egos that know or assume the discount factors in their decisions; others infer them."""
-
-
-class Step(NamedTuple):
-    """What happened at one step of an episode."""
-
-    state: Float[np.ndarray, "N 4"]
-    observation: Float[np.ndarray, "size"]
-    decision: Decision
-    latency: float
-    """Seconds for update and decision."""
-    info: dict[str, Any]
-    """As the environment returned it after the step."""
-
-
-def inferred(ego: str, decision: Decision) -> dict[int, tuple[float, float]]:
-    """Means and deviations of the discount factors that an ego's decision inferred."""
-    return {} if ego in KNOWING else dict(decision.gammas)
 
 
 @dataclass(frozen=True)
@@ -63,82 +36,36 @@ class ClosedLoop:
     noise_std: float = 0.05
     behaviour: str = "receding"
 
-
-def make_environment(setting: ClosedLoop, render_mode: str | None = None) -> Any:
-    """The crosswalk with player 0 to be controlled."""
-    return parallel_env(
-        players=setting.players,
-        controlled=(0,),
-        behaviour=setting.behaviour,  # type: ignore[arg-type]
-        observation=setting.observation,  # type: ignore[arg-type]
-        noise_std=setting.noise_std,
-        max_steps=MAX_STEPS,
-        render_mode=render_mode,  # type: ignore[arg-type]
-    )
-
-
-def episode(
-    env: Any, ego: str, seed: int, gammas: tuple[float, float] = OTHERS_GAMMA
-) -> Iterator[Step]:
-    """Run one episode of `env` with a registered ego, step by step; the others' gammas are drawn.
-
-    The ego is the one agent that `env` leaves to be controlled.
-    """
-    policy = make_ego(ego)
-    players = env.scene.players
-    hidden = np.random.default_rng([seed, 1]).uniform(*gammas, players)
-    hidden[env.scene.controlled[0]] = EGO_GAMMA
-    observations, infos = env.reset(seed=seed, options={"gamma": hidden})
-    agent = env.agents[0]
-    memory = policy.init(env.scene, agent)
-    while env.agents:
-        state = infos[agent]["state"]
-        begin = time.perf_counter()
-        memory = policy.update(memory, observations[agent], infos[agent])
-        decision, memory = policy.act(memory)
-        latency = time.perf_counter() - begin
-        seen = observations[agent]
-        observations, rewards, _, _, infos = env.step({agent: decision.action})
-        yield Step(
-            state, seen, decision, latency, {**infos[agent], "reward": float(rewards[agent])}
+    @property
+    def run_setting(self) -> RunSetting:
+        """One episode's environment."""
+        return RunSetting(
+            "crosswalk",
+            players=self.players,
+            observation=self.observation,
+            noise_std=self.noise_std,
+            behaviour=self.behaviour,
         )
 
 
-WARM_UP_STEPS = 13
-"""Steps after which every program that an ego needs has been compiled: the window slides."""
-
-
-@until_forgotten
-def warm_up(ego: str, setting: ClosedLoop) -> None:
-    """Compile in this process what an episode needs, so that latencies are those of running."""
-    env = make_environment(setting)
-    for _ in islice(episode(env, ego, 0), WARM_UP_STEPS):
-        pass
-
-
-def run_episode(ego: str, settings: str, seed: int, **setting: Any) -> Row:
+def run_trial(ego: str, settings: str, seed: int, **configuration: Any) -> Row:
     """One episode's row; `settings` tells egos of the same name apart in the store."""
-    warm_up(ego, ClosedLoop(**setting))
-    env = make_environment(ClosedLoop(**setting))
-    steps = list(episode(env, ego, seed))
-    last = steps[-1].info
-    latencies = 1e3 * np.array([s.latency for s in steps])
-    true = last["gamma"]
-    errors = [
-        abs(mean - true[j]) for j, (mean, _) in steps[-1].decision.gammas.items() if ego != "oracle"
-    ]
+    setting = ClosedLoop(**configuration).run_setting
+    warm_up(setting, ego)
+    found = run_episode(setting, ego, seed)
+    last, true = found.last, found.last["gamma"]
+    decided = found.steps[-1].decision.gammas
+    errors = [abs(mean - true[j]) for j, (mean, _) in decided.items() if ego != "oracle"]
     return {
         "collision": bool(last["collision"]),
         "goal_reached": bool(last["goal_reached"]) and not last["collision"],
         "time_out": not last["collision"] and not last["goal_reached"],
         "time": float(last["time"]),
         "min_distance": float(last["min_distance"]),
-        "cost": -sum(s.info["reward"] for s in steps) * env.scene.dt,
-        "failed_plans": sum(s.decision.failed for s in steps),
-        "failed_fits": sum(s.decision.stale for s in steps),
-        "oracle_failures": int(last["solver_failures"]),
+        "cost": found.cost,
+        **found.counts,
         "gamma_error": float(np.mean(errors)) if errors else None,
-        "latencies": latencies.tolist(),
+        "latencies": found.latencies,
     }
 
 
@@ -163,7 +90,7 @@ def study(
         for seed in seeds
         for ego in egos
     ]
-    return run_trials(run_episode, trials, store, workers=workers, label="closed loop")
+    return run_trials(run_trial, trials, store, workers=workers, label="closed loop")
 
 
 class Summary(NamedTuple):

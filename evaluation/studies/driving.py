@@ -7,14 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from agents import make_ego
-from evaluation.execution.compilation import until_forgotten
 from evaluation.execution.local import Workers
 from evaluation.execution.provenance import fingerprint
 from evaluation.execution.runner import run_trials
@@ -22,8 +20,8 @@ from evaluation.execution.store import Row, Store
 from evaluation.metrics.statistics import Interval, mean_interval
 from evaluation.metrics.trajectory import at_fault, comfort
 from evaluation.rollout.endings import COLLISION, OFF_ROAD, REACHED, TIME_OUT, ending
+from evaluation.rollout.episode import run_episode, warm_up
 from evaluation.rollout.setting import EGO_CAR, RunSetting
-from evaluation.studies.closed_loop import WARM_UP_STEPS, episode
 
 KEY = ("scene", "others", "ego", "settings", "seed")
 SCHEMA = 5
@@ -44,43 +42,31 @@ class DrivingSetting:
         return RunSetting("driving", scene, self.cars, self.observation, self.noise_std, others)
 
 
-@until_forgotten
-def _warm_up(scene: str, others: str, ego: str, setting: DrivingSetting) -> None:
-    """Compile in this process what an episode needs, so that latencies are those of running."""
-    chosen = setting.of(scene, others)
-    for _ in islice(episode(chosen.make(), ego, 0, chosen.gammas), WARM_UP_STEPS):
-        pass
-
-
-def run_episode(
-    scene: str, others: str, ego: str, settings: str, seed: int, **setting: object
+def run_trial(
+    scene: str, others: str, ego: str, settings: str, seed: int, **configuration: object
 ) -> Row:
     """One episode's row; `settings` tells egos of the same name apart in the store."""
-    configured = DrivingSetting(**setting)  # type: ignore[arg-type]
-    _warm_up(scene, others, ego, configured)
-    chosen = configured.of(scene, others)
-    env = chosen.make()
-    steps = list(episode(env, ego, seed, chosen.gammas))
-    last = steps[-1].info
-    states = np.stack([*(s.state for s in steps), last["state"]])
+    configured = DrivingSetting(**configuration)  # type: ignore[arg-type]
+    setting = configured.of(scene, others)
+    warm_up(setting, ego)
+    found = run_episode(setting, ego, seed)
+    last, states = found.last, found.states
     own, goal = states[:, EGO_CAR], last["theta"]["goal"][EGO_CAR]
     nearest = np.linalg.norm(np.delete(states, EGO_CAR, 1)[..., :2] - own[:, None, :2], axis=2)
     ended = ending(last)
-    ride = comfort(own, env.scene.dt)
+    ride = comfort(own, found.dt)
     return {
         "ended": ended,
         "at_fault": ended == COLLISION and at_fault(states[-1], EGO_CAR),
         "time": float(last["time"]),
-        "time_limit": env.scene.max_steps * env.scene.dt,
+        "time_limit": found.time_limit,
         "min_gap": float(last["min_distance"]),
         "min_distance": float(nearest.min()),
         "distances": nearest.min(axis=1).tolist(),
         "goal_distances": np.linalg.norm(own[:, :2] - goal, axis=1).tolist(),
         **{f"rms_{name}": value for name, value in ride._asdict().items()},
-        "failed_plans": sum(s.decision.failed for s in steps),
-        "failed_fits": sum(s.decision.stale for s in steps),
-        "oracle_failures": int(last["solver_failures"]),
-        "latencies": [1e3 * s.latency for s in steps],
+        **found.counts,
+        "latencies": found.latencies,
     }
 
 
@@ -114,7 +100,7 @@ def study(
         for other in others
         for ego in egos
     ]
-    return run_trials(run_episode, trials, store, workers=workers, label="driving")
+    return run_trials(run_trial, trials, store, workers=workers, label="driving")
 
 
 class Summary(NamedTuple):

@@ -36,9 +36,8 @@ from evaluation.windows.interaction import (
 )
 from evaluation.windows.table import WINDOW, with_windows, write_windows
 from foresight_env.datasets import Recording, open_recording, recordings_below
-from foresight_env.envs.core.footprints import Footprint, Motion, least_gap
-from foresight_env.scenarios.encounter import is_vehicle
-from foresight_env.scenarios.junction import CAR_LENGTH, CAR_WIDTH, PEDESTRIAN_RADIUS
+from foresight_env.games.footprints import Footprint, Motion, least_gap
+from foresight_env.games.kinds import body_radius, is_vehicle, kind_of
 
 KEY = (*WINDOW, "predictor", "settings")
 SECONDS = (1.0, 2.0, 3.0, 4.0)
@@ -71,8 +70,9 @@ def _recording(place: Place) -> Recording:
 def footprint(kind: str, extent: Float[np.ndarray, "2"]) -> Footprint:
     """What an agent covers: a box for vehicles, of usual size where none is stated, else a disc."""
     if not is_vehicle(kind):
-        return Footprint(radius=PEDESTRIAN_RADIUS)
-    stated = np.where(extent > 0.0, extent, (CAR_LENGTH, CAR_WIDTH))
+        return Footprint(radius=body_radius(kind))
+    usual = kind_of(kind)
+    stated = np.where(extent > 0.0, extent, (usual.length, usual.width))
     return Footprint(float(stated[0]), float(stated[1]))
 
 

@@ -12,6 +12,7 @@ from agents.egos.predict_then_plan import history_of
 from agents.interfaces.predictor import History
 from agents.learned.features import AGENTS, Features, features_of, targets_of
 from evaluation.execution.store import Row
+from evaluation.rollout.episode import observed_states
 from evaluation.rollout.places import setting_of
 from evaluation.windows.interaction import (
     LEAST_OBSERVED,
@@ -128,10 +129,7 @@ def simulated_scenes(row: Row) -> Iterator[Scenes]:
     count, steps, dt = row["players"], row["steps"], row["dt"]
     every = max(1, round(STEP_SECONDS / dt))
     states = np.array(row["states"]).reshape(steps + 1, count, 4)
-    seen = np.empty((steps, count, 4))
-    order = [row["ego"], *(j for j in range(count) if j != row["ego"])]
-    observed = np.array(row["observations"]).reshape(steps, -1)[:, : 4 * count]
-    seen[:, order] = observed.reshape(steps, count, 4)
+    seen = observed_states(np.array(row["observations"]).reshape(steps, -1), row["ego"], count)
     first = (LEAST_OBSERVED - 1) * every
     for moment in range(first, steps + 1 - LEAST_PREDICTED * every, every):
         rows = range(max(moment % every, moment - 7 * every), moment + 1, every)

@@ -10,9 +10,9 @@ import numpy as np
 from evaluation.execution.local import Workers
 from evaluation.execution.runner import run_trials
 from evaluation.execution.store import Row, Store, Trial
+from evaluation.rollout.episode import run_episode
 from evaluation.rollout.places import setting_of
 from evaluation.studies.benchmark import OPEN_SEEDS
-from evaluation.studies.closed_loop import episode
 
 SCHEMA = 1
 """Counted up when rows get other columns or mean something else: older folders are refused."""
@@ -27,21 +27,19 @@ MOST = OPEN_SEEDS
 """Episodes of a split: beyond, seeds would be those of the next."""
 
 
-def run_episode(place: str, seed: int) -> Row:
+def run_trial(place: str, seed: int) -> Row:
     """One episode in which everybody plays the game, the ego (the oracle) as well.
 
     `states` (T+1, N, 4), `controls` (T, N, 2) and `observations` (T, size) are flattened.
     """
     setting = setting_of(place)
-    env = setting.make()
-    steps = list(episode(env, "oracle", seed, setting.gammas))
-    last, scene = steps[-1].info, env.scene
-    states = np.stack([*(s.state for s in steps), last["state"]])
+    found = run_episode(setting, "oracle", seed)
+    last, steps, states = found.last, found.steps, found.states
     return {
-        "dt": scene.dt,
-        "players": scene.players,
+        "dt": found.dt,
+        "players": states.shape[1],
         "steps": len(steps),
-        "ego": scene.controlled[0],
+        "ego": found.scene.controlled[0],
         "gamma": last["gamma"].tolist(),
         "goals": last["theta"]["goal"].ravel().tolist(),
         "states": states.ravel().tolist(),
@@ -65,7 +63,7 @@ def generate(
     trials: list[Trial] = [
         {"place": place, "seed": FIRST_SEED[split] + k} for place in places for k in range(episodes)
     ]
-    return run_trials(run_episode, trials, store, workers=workers, label=split, chunk=16)
+    return run_trials(run_trial, trials, store, workers=workers, label=split, chunk=16)
 
 
 def episodes_in(folder: str | Path, split: str) -> list[Row]:

@@ -23,6 +23,7 @@ from agents.learned.head import Futures, negative_log_likelihood
 from agents.learned.predictor import NETWORKS
 from agents.learned.training import Epoch, Schedule, Trained, train
 from evaluation.execution.store import Row
+from evaluation.rollout.episode import observed_states
 from evaluation.training.examples import Scenes, mirrored, recorded_scenes, simulated_scenes, stack
 from evaluation.training.generation import episodes_in
 from evaluation.training.trained import write_trained
@@ -69,7 +70,8 @@ def gamma_data(episodes: Sequence[Path], part: str) -> GammaExample:
     for folder in episodes:
         for row in episodes_in(folder / part, part):
             if row["place"] == "crosswalk":
-                found += gamma_examples(observed_states(row), np.array(row["gamma"]))
+                seen = observed_states(_observations(row), row["ego"], row["players"])
+                found += gamma_examples(seen, np.array(row["gamma"]))
     if not found:
         raise ValueError("--episodes: hold no crosswalks; make them with foresight generate")
     return GammaExample(*(np.stack(parts) for parts in zip(*found, strict=True)))
@@ -90,15 +92,8 @@ def cloning_data(episodes: Sequence[Path], part: str) -> CloningExample:
     return CloningExample(*(np.stack(parts) for parts in zip(*found, strict=True)))
 
 
-def observed_states(row: Row) -> Float[np.ndarray, "steps N 4"]:
-    """What the ego saw of everybody in an episode, in the order of players."""
-    count, steps = row["players"], row["steps"]
-    seen = np.array(row["observations"]).reshape(steps, -1)[:, : 4 * count]
-    found = np.empty((steps, count, 4))
-    found[:, [row["ego"], *(j for j in range(count) if j != row["ego"])]] = seen.reshape(
-        steps, count, 4
-    )
-    return found
+def _observations(row: Row) -> Float[np.ndarray, "steps size"]:
+    return np.array(row["observations"]).reshape(row["steps"], -1)
 
 
 def calibration(network: Any, data: Scenes) -> float:

@@ -11,17 +11,14 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
+from evaluation.windows.junction import STANDING
 from foresight_env.datasets import Recording, Window, open_recording
 from foresight_env.games.game import Game
+from foresight_env.games.kinds import is_vehicle
+from foresight_env.games.motion import driving_states
 from foresight_env.games.roads import Lane
 from foresight_env.scenarios.aachen import AACHEN_REGION, AACHEN_ROTATION
-from foresight_env.scenarios.intersection import (
-    STANDING,
-    Region,
-    driving_states,
-    intersection_game,
-    is_walking,
-)
+from foresight_env.scenarios.intersection import Region, intersection_game
 from foresight_env.scenarios.junction import JUNCTION_REGION, LANES, PENALTY, WHEELBASE
 
 Place = Literal["auto", "aachen", "open"]
@@ -55,15 +52,15 @@ class Case(NamedTuple):
     kinds: tuple[str, ...]
     dt: float
     states: Float[np.ndarray, "K N 4"]
-    """`[px, py, vx, vy]` of pedestrians, `[px, py, v, psi]` of others; NaN where missing."""
+    """`[px, py, vx, vy]` of pedestrians and bicycles, `[px, py, v, psi]` of vehicles; NaN where missing."""
     present: Bool[np.ndarray, "K N"]
     at_aachen: bool
     wheelbase: float
 
     @property
     def walks(self) -> Bool[np.ndarray, "N"]:
-        """Who is a pedestrian."""
-        return np.array([is_walking(kind) for kind in self.kinds])
+        """Who moves freely in the plane: pedestrians and bicycles."""
+        return np.array([not is_vehicle(kind) for kind in self.kinds])
 
 
 class WindowError(ValueError):
@@ -139,7 +136,7 @@ def _game_states(window: Window) -> Float[np.ndarray, "K N 4"]:
     """Recorded states as the game has them, headings without jumps."""
     states = np.array(window.states)
     for i, kind in enumerate(window.kinds):
-        if not is_walking(kind):
+        if is_vehicle(kind):
             states[:, i] = driving_states(states[:, i], window.headings[:, i])
     return states
 

@@ -11,8 +11,8 @@ from functools import lru_cache
 import numpy as np
 
 from agents.egos.predict_then_plan import history_of
+from evaluation.rollout.episode import observed_states, run_episode
 from evaluation.rollout.places import setting_of
-from evaluation.studies.closed_loop import episode
 from evaluation.windows.interaction import LEAST_OBSERVED, STEP_SECONDS, PredictionWindow
 
 PREDICTED_STEPS = 6
@@ -29,18 +29,12 @@ def simulated_windows(place: str, seed: int) -> tuple[PredictionWindow, ...]:
     The history is noisy, with the environment's own noise; the truth is not.
     """
     setting = setting_of(place)
-    env = setting.make()
-    steps = list(episode(env, "oracle", seed, setting.gammas))
-    scene = env.scene
+    episode = run_episode(setting, "oracle", seed)
+    scene, places = episode.scene, episode.states[..., :2]
     every = max(1, round(STEP_SECONDS / scene.dt))
-    sizes = (scene.players, len(steps[0].state[0]))
-    seen = np.empty((len(steps), *sizes))
-    # Whom an agent observes comes in this order: itself first.
-    (ego,) = scene.controlled
-    order = [ego, *(j for j in range(scene.players) if j != ego)]
-    for k, step in enumerate(steps):
-        seen[k, order] = step.observation[: sizes[0] * sizes[1]].reshape(sizes)
-    places = np.stack([*(s.state[:, :2] for s in steps), steps[-1].info["state"][:, :2]])
+    seen = observed_states(
+        np.stack([step.observation for step in episode.steps]), scene.controlled[0], scene.players
+    )
     found = []
     first = (LEAST_OBSERVED - 1) * every
     for moment in range(first, len(places) - LEAST_PREDICTED * every, BETWEEN * every):

@@ -37,3 +37,28 @@ def moving_state(
 
 STANDING = 0.2
 """Below this a vehicle's velocity says nothing of its heading, m/s."""
+
+
+def driving_state(state: Float[np.ndarray, "4"], heading: float = np.nan) -> Float[np.ndarray, "4"]:
+    """`[px, py, vx, vy]` as a car's `[px, py, v, psi]` (m, m/s, rad).
+
+    The heading is that of the velocity where none is given.
+    """
+    velocity = state[2:]
+    own = np.arctan2(velocity[1], velocity[0]) if np.isnan(heading) else heading
+    return np.array([*state[:2], np.hypot(*velocity), own])
+
+
+def driving_states(
+    states: Float[np.ndarray, "K 4"], headings: Float[np.ndarray, "K"]
+) -> Float[np.ndarray, "K 4"]:
+    """A recorded track `[px, py, vx, vy]` as a car's `[px, py, v, psi]`, headings without jumps.
+
+    NaN where it was missing.
+    """
+    driven = np.full(states.shape, np.nan)
+    seen = np.flatnonzero(~np.isnan(states[:, 0]))
+    for k in seen:
+        driven[k] = driving_state(states[k], float(headings[k]))
+    driven[seen, 3] = np.unwrap(driven[seen, 3])
+    return driven

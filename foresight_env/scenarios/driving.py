@@ -13,6 +13,7 @@ from foresight_env.games.constraints import Bounds, Inequality
 from foresight_env.games.costs import TargetSpeed
 from foresight_env.games.dynamics import SlipBicycle
 from foresight_env.games.game import Game, Player
+from foresight_env.games.kinds import SIMULATED_CAR
 from foresight_env.games.paths import BodyGap, InLane, PathFollowing
 from foresight_env.games.steering import Steering
 
@@ -20,13 +21,11 @@ DT = 0.1
 SUBSTEPS = 2
 HORIZON = 11
 """The paper's planning horizon."""
-CAR_LENGTH, CAR_WIDTH = 5.0, 2.0
-"""Of highway-env's vehicles, m."""
 ACCELERATION_LIMIT = 5.0
 """m/s^2, to both sides: highway-env's continuous actions."""
 STEERING_LIMIT = 0.6
 """rad. highway-env allows pi/4; nobody turns as sharply at speed."""
-SPEED_LIMIT = 30.0
+SPEED_LIMIT = SIMULATED_CAR.speed_limit
 """m/s; cars do not reverse."""
 
 LANE_HALF_WIDTH = 1.0
@@ -82,7 +81,7 @@ def driving_game(
     limits = ACCELERATION_LIMIT, STEERING_LIMIT
     infinite = float("inf")
     car = Player(
-        SlipBicycle(dt, substeps, CAR_LENGTH),
+        SlipBicycle(dt, substeps, SIMULATED_CAR.length),
         (
             PathFollowing("path_weight"),
             TargetSpeed("target_speed", "speed_weight"),

@@ -18,6 +18,7 @@ from foresight_env.games.constraints import Bounds
 from foresight_env.games.costs import Effort, TargetSpeed, Weight, distances, weight_value
 from foresight_env.games.dynamics import CurvatureVehicle, DoubleIntegrator
 from foresight_env.games.game import Game, Player
+from foresight_env.games.kinds import is_vehicle
 from foresight_env.games.steering import Steering
 from foresight_env.games.types import Controls, Scalar, StageNumber, States, Theta
 from foresight_env.games.vectors import squared_length
@@ -33,17 +34,12 @@ ordinary traffic."""
 CURVATURE_LIMIT = 0.3
 """1/m: a turning circle of 3.3 m, tighter than cars can."""
 PERSONAL_SPACE = {"pedestrian": 0.3, "bicycle": 0.5}
-"""Radius that people keep free around their centre towards each other, m; others are vehicles."""
+"""Radius that people keep free around their centre towards each other, m."""
 VEHICLE_BERTH = 4.0
 """Further distance that people and vehicles keep between each other's centres, m: people slow down
 for a vehicle early. Chosen, with `COLLISION_WEIGHT`, on the development recordings."""
 VEHICLE_DISTANCE = 6.0
 """Distance between two vehicles' centres, m: a length and a gap."""
-
-
-def is_vehicle(kind: str) -> bool:
-    """Whether agents of this kind are steered; the others walk or ride."""
-    return kind not in PERSONAL_SPACE
 
 
 def wanted_distance(kind: str, other: str) -> float:

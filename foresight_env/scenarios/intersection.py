@@ -6,7 +6,6 @@ integrators. Corners, road sides and the edge of the region are constraints. Uni
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -14,11 +13,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from foresight_env.datasets import Window
 from foresight_env.games.constraints import Bounds, Inequality
 from foresight_env.games.costs import Effort, Goal, SigmoidProximity
 from foresight_env.games.dynamics import DoubleIntegrator, KinematicBicycle
 from foresight_env.games.game import Game, Player
+from foresight_env.games.kinds import is_vehicle, kind_of
 from foresight_env.games.roads import (
     BesideRoads,
     Circle,
@@ -37,10 +36,6 @@ WHEELBASE = 1.0
 ACCELERATION_LIMIT = 5.0
 """Of cars, m/s^2."""
 STEERING_LIMIT = np.pi / 4
-SPEED_LIMIT = 20.0
-"""Of cars, which do not reverse, m/s."""
-WALKING_LIMIT = 3.0
-"""Per axis, m/s."""
 WALKING_ACCELERATION_LIMIT = 5.0
 """Per axis, m/s^2."""
 PEDESTRIAN_SHRINK = 0.3
@@ -51,8 +46,6 @@ COLLISION_DISTANCE = 1.0
 LANE_WEIGHT = 10.0
 WEIGHT = 1.0
 """Of goal, control and collision, where the reference starts."""
-WALKING_KINDS = ("pedestrian",)
-"""All others drive."""
 
 
 @dataclass(frozen=True)
@@ -63,11 +56,6 @@ class Region:
     sides: tuple[RoadSide, ...] = ()
     low: Point = (-np.inf, -np.inf)
     high: Point = (np.inf, np.inf)
-
-
-def is_walking(kind: str) -> bool:
-    """Whether agents of this kind are pedestrians."""
-    return kind in WALKING_KINDS
 
 
 def player_theta(
@@ -91,7 +79,7 @@ def player_theta(
         "collision_weight": collision_weight,
         "collision_distance": collision_distance,
     }
-    return theta if is_walking(kind) else {**theta, "lane_weight": lane_weight}
+    return theta if not is_vehicle(kind) else {**theta, "lane_weight": lane_weight}
 
 
 @lru_cache(maxsize=64)
@@ -121,12 +109,12 @@ def intersection_game(
     if len(lanes) != len(kinds):
         raise ValueError(f"lanes: has {len(lanes)} entries; expected one per agent, {len(kinds)}")
     for i, (kind, lane) in enumerate(zip(kinds, lanes, strict=True)):
-        if is_walking(kind) and lane is not None:
-            raise ValueError(f"lanes[{i}]: agent {i} is a {kind}; pedestrians have no lane")
-    cars = tuple(i for i, kind in enumerate(kinds) if not is_walking(kind))
+        if not is_vehicle(kind) and lane is not None:
+            raise ValueError(f"lanes[{i}]: agent {i} is a {kind}; only vehicles have a lane")
+    cars = tuple(i for i, kind in enumerate(kinds) if is_vehicle(kind))
     players = []
     for kind, lane in zip(kinds, lanes, strict=True):
-        walks = is_walking(kind)
+        walks = not is_vehicle(kind)
         near = SigmoidProximity(
             "collision_distance", "collision_weight", SHARPNESS, cars if walks else None
         )
@@ -137,7 +125,7 @@ def intersection_game(
             Player(
                 DoubleIntegrator(dt) if walks else KinematicBicycle(dt, wheelbase),
                 costs,
-                state_bounds=_state_bounds(walks, region),
+                state_bounds=_state_bounds(kind, region),
                 control_bounds=_control_bounds(walks),
                 inequalities=_region_constraints(walks, region, penalty),
                 name=kind,
@@ -146,11 +134,12 @@ def intersection_game(
     return Game(tuple(players), horizon, (), dt)
 
 
-def _state_bounds(walks: bool, region: Region) -> Bounds:
-    if walks:
-        low, high = (-WALKING_LIMIT, -WALKING_LIMIT), (WALKING_LIMIT, WALKING_LIMIT)
+def _state_bounds(kind: str, region: Region) -> Bounds:
+    limit = kind_of(kind).speed_limit
+    if is_vehicle(kind):  # does not reverse
+        low, high = (0.0, -np.inf), (limit, np.inf)
     else:
-        low, high = (0.0, -np.inf), (SPEED_LIMIT, np.inf)
+        low, high = (-limit, -limit), (limit, limit)
     return Bounds.box([*region.low, *low], [*region.high, *high], 4)
 
 
@@ -190,87 +179,3 @@ class Setting(NamedTuple):
         return tuple(
             player_theta(kind, goal) for kind, goal in zip(self.kinds, self.goals, strict=True)
         )
-
-
-def recorded_setting(
-    window: Window, region: Region = Region(), lanes: Sequence[Lane | None] | None = None
-) -> Setting:
-    """The setting of a recorded window: states where it begins, goals where each is seen last.
-
-    Args:
-        window: everybody is seen in its first frame.
-        region: what is forbidden there.
-        lanes: per agent; None fits each car's lane to its own track in the window, which tells a
-            predictor where the car will go: pass lanes fitted to earlier traffic for predictions.
-
-    Raises:
-        ValueError: `lanes` of another length, somebody missing in the first frame, a car standing
-            there with no heading stated, or a track that no lane fits.
-    """
-    if lanes is not None and len(lanes) != len(window.agents):
-        raise ValueError(
-            f"lanes: has {len(lanes)} entries; expected one per agent, {len(window.agents)}"
-        )
-    missing = [a for a, seen in zip(window.agents, window.present[0], strict=True) if not seen]
-    if missing:
-        raise ValueError(
-            f"window: {', '.join(missing)} not seen in its first frame, {window.frames[0]}; begin "
-            "it where everybody is there"
-        )
-    last = [int(np.flatnonzero(seen)[-1]) for seen in window.present.T]
-    places = window.states[:, :, :2]
-    goals = np.stack([places[k, i] for i, k in enumerate(last)])
-    cars = [i for i, kind in enumerate(window.kinds) if not is_walking(kind)]
-    states = np.array(window.states[0])
-    for i in cars:
-        heading = float(window.headings[0, i])
-        if not (np.isfinite(heading) or states[i, 2:].any()):
-            raise ValueError(
-                f"window: {window.agents[i]} stands in its first frame and the recording states no "
-                "heading; begin it where the car moves"
-            )
-        states[i] = driving_state(states[i], heading)
-    if lanes is None:
-        lanes = [_own_lane(window, i) if i in cars else None for i in range(len(window.kinds))]
-    return Setting(window.kinds, tuple(lanes), region, states, goals)
-
-
-def driving_state(state: Float[np.ndarray, "4"], heading: float = np.nan) -> Float[np.ndarray, "4"]:
-    """`[px, py, vx, vy]` as a car's `[px, py, v, psi]` (m, m/s, rad).
-
-    The heading is that of the velocity where none is given.
-    """
-    velocity = state[2:]
-    own = np.arctan2(velocity[1], velocity[0]) if np.isnan(heading) else heading
-    return np.array([*state[:2], np.hypot(*velocity), own])
-
-
-def driving_states(
-    states: Float[np.ndarray, "K 4"], headings: Float[np.ndarray, "K"]
-) -> Float[np.ndarray, "K 4"]:
-    """A recorded track `[px, py, vx, vy]` as a car's `[px, py, v, psi]`, headings without jumps.
-
-    NaN where it was missing.
-    """
-    driven = np.full(states.shape, np.nan)
-    seen = np.flatnonzero(~np.isnan(states[:, 0]))
-    for k in seen:
-        driven[k] = driving_state(states[k], float(headings[k]))
-    driven[seen, 3] = np.unwrap(driven[seen, 3])
-    return driven
-
-
-STANDING = 2.0
-"""A car that comes no farther than this within a window has no lane to be fitted, m."""
-
-
-def _own_lane(window: Window, agent: int) -> Lane | None:
-    places = window.states[window.present[:, agent], agent, :2]
-    if np.hypot(*(places[-1] - places[0])) < STANDING:
-        return None
-    try:
-        return Lane.fit(places)
-    except ValueError as error:
-        raise ValueError(
-            f"window: no lane fits the track of {window.agents[agent]}: {error}"
-        ) from None

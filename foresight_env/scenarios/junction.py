@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from foresight_env.games.game import Game
+from foresight_env.games.kinds import is_vehicle
 from foresight_env.games.roads import Lane
 from foresight_env.scenarios.aachen import (
     AACHEN,
@@ -24,7 +25,6 @@ from foresight_env.scenarios.intersection import (
     DT,
     Region,
     intersection_game,
-    is_walking,
     player_theta,
 )
 from foresight_env.scenarios.situation import Situation
@@ -37,8 +37,6 @@ WHEELBASE = 2.7
 PENALTY = 100.0
 """Per metre and stage beside the road: agents that a user controls may leave it, and the others'
 game must have a solution all the same."""
-CAR_LENGTH, CAR_WIDTH = 4.5, 1.8
-PEDESTRIAN_RADIUS = 0.25
 JUNCTION_REGION = Region(AACHEN_REGION.corners, AACHEN_REGION.sides)
 """Without the published box, which is the recording's view: cars drive on."""
 
@@ -118,9 +116,9 @@ def draw_junction(
         player_theta(
             kind,
             goal,
-            goal_weight=PEDESTRIAN_WEIGHT if is_walking(kind) else CAR_WEIGHT,
+            goal_weight=CAR_WEIGHT if is_vehicle(kind) else PEDESTRIAN_WEIGHT,
             collision_weight=float(weight),
-            collision_distance=PEDESTRIAN_DISTANCE if is_walking(kind) else CAR_DISTANCE,
+            collision_distance=CAR_DISTANCE if is_vehicle(kind) else PEDESTRIAN_DISTANCE,
             lane_weight=LANE_WEIGHT,
         )
         for kind, goal, weight in zip(kinds, goals, weights, strict=True)

@@ -4,6 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from evaluation.windows.junction import recorded_setting
 from foresight_env.datasets import Recording, Track
 from foresight_env.equilibrium import Status, solve, verify
 from foresight_env.games.roads import BesideRoads, OutsideCircles
@@ -12,7 +13,6 @@ from foresight_env.scenarios.intersection import (
     PEDESTRIAN_SHRINK,
     intersection_game,
     player_theta,
-    recorded_setting,
 )
 
 

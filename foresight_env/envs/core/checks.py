@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import typing
 from collections.abc import Callable, Mapping, Sequence
 from numbers import Integral, Real
-from typing import Any, TypeVar, get_args
+from typing import Any, get_args
 
 import numpy as np
 from gymnasium.spaces import Box
@@ -18,18 +17,6 @@ from foresight_env.highway.ranges import DrivingRanges
 from foresight_env.scenarios.crosswalk import Proximity, Ranges
 from foresight_env.scenarios.junction import JunctionRanges
 from foresight_env.scenarios.situation import Situation
-
-T = TypeVar("T", bound=Callable[..., Any])
-
-
-def no_type_check(checked: T) -> T:
-    """Marks what checks its own arguments, so that run-time type checkers leave it alone.
-
-    `typing` has a decorator of the same name, but with that one static checkers look away too.
-    """
-    marked: T = typing.no_type_check(checked)
-    return marked
-
 
 OPTIONS = ("gamma", "goals", "initial_states", "situation")
 """Entries that `reset` takes."""

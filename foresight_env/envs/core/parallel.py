@@ -15,14 +15,14 @@ from gymnasium.utils.seeding import np_random
 from jaxtyping import Float, Float32
 from pettingzoo import ParallelEnv
 
+from foresight_env.annotations import no_type_check
 from foresight_env.envs.core import checks
 from foresight_env.envs.core.behaviours import BehaviourSetting, SolverReport
-from foresight_env.envs.core.checks import no_type_check
 from foresight_env.envs.core.episode import Episode
 from foresight_env.envs.core.motion import advance, applicable, observe
-from foresight_env.envs.core.overlay import Overlay
-from foresight_env.envs.core.scene import Own, Scene
+from foresight_env.envs.core.scene import Own, Scene, observation_order
 from foresight_env.envs.core.world import World, stacked
+from foresight_env.envs.rendering.overlay import Overlay
 
 Info = dict[str, Any]
 Results = tuple[
@@ -94,7 +94,7 @@ class WorldParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
     ) -> tuple[Float32[np.ndarray, "size"], Float32[np.ndarray, "size"]]:
         """Limits of a player's observation: itself, the others, its goal."""
         world, size = self._world, 4 if self._scene.observation == "full" else 2
-        order = [player, *(j for j in range(world.players) if j != player)]
+        order = list(observation_order(player, world.players))
         low, high = (
             np.concatenate([shown[order, :size].ravel(), shown[player, :2]]).astype(np.float32)
             for shown in (world.shown_low, world.shown_high)
@@ -240,7 +240,7 @@ class WorldParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
         """Draw this over the scene from now on, until the next call or `reset`."""
         if not isinstance(overlay, Overlay):
             raise ValueError(
-                f"overlay: is {overlay!r}; expected foresight_env.envs.core.overlay.Overlay"
+                f"overlay: is {overlay!r}; expected foresight_env.envs.rendering.overlay.Overlay"
             )
         self._overlay = overlay.checked(self._scene.players)
 

@@ -36,9 +36,14 @@ class _InOrder:
         return self.model(tuple(states[j] for j in self.order))
 
 
+def observation_order(player: int, players: int) -> tuple[int, ...]:
+    """Players in the order in which `player` observes them: itself first, then by index."""
+    return (player, *(j for j in range(players) if j != player))
+
+
 def own_first(observation: Observation, game: Game, player: int) -> ObservationModel:
-    """What `player` sees: itself first, then the others in the order of their indices."""
-    order = (player, *(j for j in range(len(game.players)) if j != player))
+    """Observation model of `player`, without the goal at the end."""
+    order = observation_order(player, len(game.players))
     model = (full_state if observation == "full" else positions)(game.state_sizes)
     owners = tuple(None if k is None else order[k] for k in model.owners)
     return ObservationModel(_InOrder(model, order), owners)

@@ -12,10 +12,10 @@ import gymnasium
 import numpy as np
 from jaxtyping import Float, Float32
 
-from foresight_env.envs.core.checks import no_type_check
-from foresight_env.envs.core.overlay import Overlay
+from foresight_env.annotations import no_type_check
 from foresight_env.envs.core.parallel import Info, WorldParallelEnv
 from foresight_env.envs.core.scene import Scene
+from foresight_env.envs.rendering.overlay import Overlay
 
 
 class SingleAgentEnv(gymnasium.Env[np.ndarray, np.ndarray]):

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float
 
-from foresight_env.envs.core.footprints import Footprint
 from foresight_env.envs.core.scene import GOALS, OthersBelief
-from foresight_env.envs.core.scenery import Scenery
+from foresight_env.envs.rendering.scenery import Scenery
 from foresight_env.games import Game
+from foresight_env.games.footprints import Footprint
 from foresight_env.scenarios.situation import Situation
 
 Gaps = Callable[

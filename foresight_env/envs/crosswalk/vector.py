@@ -24,8 +24,8 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from jaxtyping import Bool, Float, Float32, Int
 
+from foresight_env.annotations import no_type_check
 from foresight_env.envs.core import checks
-from foresight_env.envs.core.checks import no_type_check
 from foresight_env.envs.core.world import stacked
 from foresight_env.envs.crosswalk.env import CrosswalkEnv
 from foresight_env.envs.crosswalk.functional import (

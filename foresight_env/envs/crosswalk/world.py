@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from foresight_env.envs.core.footprints import Footprint
-from foresight_env.envs.core.scenery import ASPHALT, STRIPE, Scenery, rectangle
 from foresight_env.envs.core.world import World
+from foresight_env.envs.rendering.scenery import ASPHALT, STRIPE, Scenery, rectangle
+from foresight_env.games.footprints import Footprint
 from foresight_env.scenarios.crosswalk import (
     COLLISION_DISTANCE,
     DT,

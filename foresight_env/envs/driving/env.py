@@ -95,9 +95,9 @@ from __future__ import annotations
 from functools import partial
 from typing import Any, ClassVar, Literal
 
+from foresight_env.annotations import no_type_check
 from foresight_env.envs.core import checks
 from foresight_env.envs.core.behaviours import BEHAVIOURS, BehaviourFactory
-from foresight_env.envs.core.checks import no_type_check
 from foresight_env.envs.core.parallel import WorldParallelEnv
 from foresight_env.envs.core.scene import Observation
 from foresight_env.envs.core.single import SingleAgentEnv, single_metadata

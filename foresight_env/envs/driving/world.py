@@ -9,15 +9,16 @@ import numpy as np
 from highway_env.road.lane import AbstractLane, LineType
 from jaxtyping import Bool, Float
 
-from foresight_env.envs.core.footprints import Footprint, Motion, least_gaps
 from foresight_env.envs.core.scene import OthersBelief
-from foresight_env.envs.core.scenery import ASPHALT, STRIPE, Polygon, Scenery
 from foresight_env.envs.core.world import World
+from foresight_env.envs.rendering.scenery import ASPHALT, STRIPE, Polygon, Scenery
+from foresight_env.games.footprints import Footprint, Motion, least_gaps
+from foresight_env.games.kinds import SIMULATED_CAR
 from foresight_env.highway.axes import flipped_places
 from foresight_env.highway.likely_route import likely_path
 from foresight_env.highway.ranges import DrivingRanges
 from foresight_env.highway.scenes import DrivingScene, draw_driving
-from foresight_env.scenarios.driving import CAR_LENGTH, CAR_WIDTH, SPEED_LIMIT, driving_game
+from foresight_env.scenarios.driving import SPEED_LIMIT, driving_game
 
 GOAL_RADIUS = 4.0
 """Cars drive on, and must only have come by, m."""
@@ -39,7 +40,7 @@ def driving_world(
     scene: DrivingScene, cars: int, ranges: DrivingRanges, dt: float, substeps: int
 ) -> World:
     """The cars of a scene with their boxes."""
-    footprints = (Footprint(CAR_LENGTH, CAR_WIDTH),) * cars
+    footprints = (Footprint(SIMULATED_CAR.length, SIMULATED_CAR.width),) * cars
     low = np.array([-SHOWN, -SHOWN, -1.0, -SHOWN_HEADING])
     high = np.array([SHOWN, SHOWN, SPEED_LIMIT + 5.0, SHOWN_HEADING])
 

@@ -6,17 +6,15 @@ import jax
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from foresight_env.envs.core.footprints import Footprint, Motion, least_gaps
-from foresight_env.envs.core.scenery import ASPHALT, PAVEMENT, STRIPE, Disc, Polygon, Scenery
 from foresight_env.envs.core.world import World
+from foresight_env.envs.rendering.scenery import ASPHALT, PAVEMENT, STRIPE, Disc, Polygon, Scenery
+from foresight_env.games.footprints import Footprint, Motion, least_gaps
+from foresight_env.games.kinds import CAR, body_radius, is_vehicle
 from foresight_env.games.roads import BesideRoads, Point
 from foresight_env.precision import in_double_precision
-from foresight_env.scenarios.intersection import PEDESTRIAN_SHRINK, is_walking
+from foresight_env.scenarios.intersection import PEDESTRIAN_SHRINK
 from foresight_env.scenarios.junction import (
-    CAR_LENGTH,
-    CAR_WIDTH,
     JUNCTION_REGION,
-    PEDESTRIAN_RADIUS,
     JunctionRanges,
     draw_junction,
     junction_game,
@@ -45,10 +43,10 @@ OFF_ROAD = 0.1
 def intersection_world(pedestrians: int, cars: int, ranges: JunctionRanges) -> World:
     """Pedestrians, who never hurt each other, and cars, with their footprints."""
     kinds = junction_kinds(pedestrians, cars)
-    walks = np.array([is_walking(kind) for kind in kinds])
+    walks = np.array([not is_vehicle(kind) for kind in kinds])
     footprints = tuple(
-        Footprint(radius=PEDESTRIAN_RADIUS) if walking else Footprint(CAR_LENGTH, CAR_WIDTH)
-        for walking in walks
+        Footprint(radius=body_radius(kind)) if walking else Footprint(CAR.length, CAR.width)
+        for kind, walking in zip(kinds, walks, strict=True)
     )
     walking = np.array([SHOWN_WALKING, SHOWN_WALKING])
     driving = np.array([SHOWN_SPEED, SHOWN_HEADING])

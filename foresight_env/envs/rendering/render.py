@@ -14,11 +14,11 @@ import numpy as np
 import pygame
 from jaxtyping import Bool, Float, UInt8
 
-from foresight_env.envs.core.footprints import Footprint
-from foresight_env.envs.core.overlay import Overlay
-from foresight_env.envs.core.scenery import PAVEMENT, Disc, Scenery
 from foresight_env.envs.rendering.canvas import DARK, FAINT, Canvas, faded
+from foresight_env.envs.rendering.overlay import Overlay
+from foresight_env.envs.rendering.scenery import PAVEMENT, Disc, Scenery
 from foresight_env.envs.rendering.style import COLOURS, INTERVAL_DEVIATIONS
+from foresight_env.games.footprints import Footprint
 
 WIDTH, HEIGHT = 900, 620
 PANEL = 260

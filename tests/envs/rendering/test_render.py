@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from foresight_env.envs import crosswalk_v0
-from foresight_env.envs.core.overlay import Overlay
+from foresight_env.envs.rendering.overlay import Overlay
 
 EGO = "pedestrian_0"
 ACTIONS = {EGO: np.array([-5.0, -5.0], dtype=np.float32)}

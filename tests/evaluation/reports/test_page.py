@@ -21,10 +21,10 @@ from evaluation.reports.page import write_report
 from evaluation.reports.published import compared
 from evaluation.reports.replay import replay
 from evaluation.rollout.endings import COLLISION, REACHED
-from evaluation.rollout.setting import RunSetting
+from evaluation.rollout.setting import EGO_GAMMA, RunSetting
 from evaluation.samples.recording import write_sample
 from evaluation.studies import closed_loop, estimation, prediction
-from evaluation.studies.closed_loop import EGO_GAMMA, ClosedLoop
+from evaluation.studies.closed_loop import ClosedLoop
 from tests.support.made_rows import episode_rows, estimation_rows
 
 STEPS = ("state", "seen", "planned", "predicted", "gammas", "failed")

@@ -9,8 +9,8 @@ import pytest
 from rich.console import Console
 
 from agents.interfaces.predictor import Forecast, History
-from evaluation.cli.terminal import terminal
 from evaluation.reports import figures, naming, tables
+from evaluation.reports.terminal import terminal
 from evaluation.studies.closed_loop import summarise
 from evaluation.windows.encounters import PREDICTORS, Encounter, Judged
 from evaluation.windows.interaction import PredictionWindow

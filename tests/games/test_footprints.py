@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from foresight_env.envs.core.footprints import RESOLUTION, Footprint, Motion, gap, least_gap
+from foresight_env.games.footprints import RESOLUTION, Footprint, Motion, gap, least_gap
 
 CAR, PEDESTRIAN = Footprint(4.5, 1.8), Footprint(radius=0.25)
 angles = st.floats(-4.0, 4.0)

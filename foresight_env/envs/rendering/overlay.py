@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from foresight_env.envs.core.checks import no_type_check
+from foresight_env.annotations import no_type_check
 
 
 @no_type_check
