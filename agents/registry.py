@@ -1,4 +1,7 @@
-"""Egos and predictors by name, for the command line and the studies."""
+"""Egos and predictors by name. A name is that of the object that it makes.
+
+Modules are loaded when an agent is made, so that names can be listed without JAX.
+"""
 
 from __future__ import annotations
 
@@ -6,107 +9,98 @@ from collections.abc import Callable
 from functools import partial
 from importlib import import_module
 from inspect import Parameter, isfunction, signature
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from agents.egos.foresight import Foresight, farsighted
-from agents.egos.oracle import Oracle
-from agents.egos.predict_then_plan import PredictThenPlan, constant_velocity
-from agents.interfaces.policy import EgoPolicy
-from agents.interfaces.predictor import FunctionPredictor, Predictor
-from agents.predictors.encounter import EncounterPredictor
-from agents.predictors.idm import IdmPredictor
-from agents.predictors.kalman import KalmanPredictor
-from agents.predictors.kinematic import (
-    ConstantTurnRateAccelerationPredictor,
-    ConstantTurnRatePredictor,
-    ConstantVelocityPredictor,
-)
-from agents.predictors.kkt_residual import KktResidualPredictor
-from agents.predictors.orca import OrcaPredictor
-from agents.predictors.particle_filter import ParticleFilterPredictor
-from agents.predictors.social_force import SocialForcePredictor
+if TYPE_CHECKING:
+    from agents.interfaces.policy import EgoPolicy
+    from agents.interfaces.predictor import Predictor
+
+
+def _make(module: str, attribute: str, *args: Any, **kwargs: Any) -> Any:
+    return getattr(import_module(f"agents.{module}"), attribute)(*args, **kwargs)
+
+
+def _entry(module: str, attribute: str, *args: Any, **kwargs: Any) -> Callable[[], Any]:
+    return partial(_make, module, attribute, *args, **kwargs)
+
 
 EGOS: dict[str, Callable[[], EgoPolicy[Any]]] = {
-    "oracle": Oracle,
-    "foresight": Foresight,
-    "farsighted": farsighted,
-    "constant-velocity": constant_velocity,
+    "oracle": _entry("egos.oracle", "Oracle"),
+    "infer-gamma": _entry("egos.infer_gamma", "InferGamma"),
+    "assume-gamma-1": _entry("egos.infer_gamma", "assume_gamma_1"),
+    "constant-velocity": _entry("egos.predict_then_plan", "constant_velocity"),
 }
-
-
-def _idm() -> EgoPolicy[Any]:
-    from agents.egos.idm import Idm  # loads highway-env, which the other egos do without
-
-    return Idm()
-
-
-DRIVING_EGOS: dict[str, Callable[[], EgoPolicy[Any]]] = {**EGOS, "idm": _idm}
-"""Egos of cars; those beyond `EGOS` drive along paths only."""
-
-
-def _reactive(name: str) -> EgoPolicy[Any]:
-    from agents.learned.reactive import ReactiveEgo  # loads equinox
-
-    return ReactiveEgo(name)
-
-
-CROSSWALK_EGOS: dict[str, Callable[[], EgoPolicy[Any]]] = {
-    **EGOS,
-    **{name: partial(_reactive, name) for name in ("cloned", "ppo")},
+"""Egos of every scenario."""
+ROAD_EGOS: dict[str, Callable[[], EgoPolicy[Any]]] = {"idm": _entry("egos.idm", "Idm")}
+"""Egos that drive along paths only."""
+REACTIVE_EGOS: dict[str, Callable[[], EgoPolicy[Any]]] = {
+    name: _entry("learned.reactive", "ReactiveEgo", name) for name in ("cloned", "ppo")
 }
-"""Egos at the crosswalk; those beyond `EGOS` walk there only."""
+"""Networks that act without planning, at the crosswalk only."""
+DRIVING_EGOS = {**EGOS, **ROAD_EGOS}
+CROSSWALK_EGOS = {**EGOS, **REACTIVE_EGOS}
+ALL_EGOS = {**EGOS, **ROAD_EGOS, **REACTIVE_EGOS}
 
+PREDICTORS: dict[str, Callable[[], Predictor]] = {
+    "encounter-game": _entry("predictors.encounter", "EncounterPredictor"),
+    "encounter-game-gamma-1": _entry("predictors.encounter", "EncounterPredictor", infer=False),
+    "kkt-residual": _entry("predictors.kkt_residual", "KktResidualPredictor"),
+    "particle-filter": _entry("predictors.particle_filter", "ParticleFilterPredictor"),
+    "constant-velocity": _entry("predictors.kinematic", "ConstantVelocityPredictor"),
+    "constant-turn-rate": _entry("predictors.kinematic", "ConstantTurnRatePredictor"),
+    "constant-acceleration": _entry(
+        "predictors.kinematic", "ConstantTurnRateAccelerationPredictor"
+    ),
+    "kalman": _entry("predictors.kalman", "KalmanPredictor"),
+    "social-force": _entry("predictors.social_force", "SocialForcePredictor"),
+    "orca": _entry("predictors.orca", "OrcaPredictor"),
+    "idm": _entry("predictors.idm", "IdmPredictor"),
+    "social-lstm": _entry("learned.predictor", "LearnedPredictor", "social-lstm"),
+    "transformer": _entry("learned.predictor", "LearnedPredictor", "transformer"),
+}
 
 PLANNED = "+plan"
-"""What turns a predictor's name into that of an ego that plans with its forecasts."""
+"""Suffix that makes a predictor's name that of an ego that plans with its forecasts."""
+
+
+def is_custom(name: str) -> bool:
+    """Whether a name is made by the registry's rules: `NAME+plan` or `module:attribute`."""
+    return ":" in name or name.endswith(PLANNED)
 
 
 def make_ego(name: str) -> EgoPolicy[Any]:
-    """The ego of that name, the planner with a predictor (`NAME+plan`), or `module:Class`.
+    """Make an ego: a registered name, `PREDICTOR+plan`, or your own as `module:Class`.
 
-    `ValueError` says what is wrong, and lists the names.
+    Raises:
+        ValueError: the name is unknown or its module cannot be used; the message lists the names.
     """
     if name.endswith(PLANNED):
-        stem = name.removesuffix(PLANNED)
-        return PredictThenPlan(make_predictor(stem), name)
+        from agents.egos.predict_then_plan import PredictThenPlan
+
+        predictor = make_predictor(name.removesuffix(PLANNED))
+        return PredictThenPlan(predictor, predictor.name + PLANNED)
     if ":" in name:
-        return _loaded("ego", name, EgoPolicy)
-    known = {**DRIVING_EGOS, **CROSSWALK_EGOS}
-    if name not in known:
+        from agents.interfaces.policy import EgoPolicy
+
+        return _loaded("ego", name, EgoPolicy, "name, init, update and act")
+    if name not in ALL_EGOS:
         raise ValueError(
-            f"ego: {name!r} is unknown; choose from {', '.join(known)}, a predictor's name "
+            f"ego: {name!r} is unknown; choose from {', '.join(ALL_EGOS)}, a predictor's name "
             f"with {PLANNED}, or your own as module:Class"
         )
-    return known[name]()
-
-
-PREDICTORS: dict[str, Callable[[], Predictor]] = {
-    "foresight": EncounterPredictor,
-    "farsighted": lambda: EncounterPredictor(infer=False),
-    "kkt-residual": KktResidualPredictor,
-    "particle-filter": ParticleFilterPredictor,
-    "constant-velocity": ConstantVelocityPredictor,
-    "constant-turn-rate": ConstantTurnRatePredictor,
-    "constant-acceleration": ConstantTurnRateAccelerationPredictor,
-    "kalman": KalmanPredictor,
-    "social-force": SocialForcePredictor,
-    "orca": OrcaPredictor,
-    "idm": IdmPredictor,
-    "social-lstm": lambda: _learned("social-lstm"),
-    "transformer": lambda: _learned("transformer"),
-}
-
-
-def _learned(name: str) -> Predictor:
-    from agents.learned.predictor import LearnedPredictor  # loads equinox
-
-    return LearnedPredictor(name)
+    return ALL_EGOS[name]()
 
 
 def make_predictor(name: str) -> Predictor:
-    """The predictor of that name, or `module:Class`; `ValueError` lists the names."""
+    """Make a predictor: a registered name, or your own as `module:Class` or `module:function`.
+
+    Raises:
+        ValueError: the name is unknown or its module cannot be used; the message lists the names.
+    """
     if ":" in name:
-        return _loaded("predictor", name, Predictor)
+        from agents.interfaces.predictor import Predictor
+
+        return _loaded("predictor", name, Predictor, "name and predict")
     if name not in PREDICTORS:
         raise ValueError(
             f"predictor: {name!r} is unknown; choose from {', '.join(PREDICTORS)}, or your own as "
@@ -118,14 +112,12 @@ def make_predictor(name: str) -> Predictor:
 def _required(function: Callable[..., Any]) -> list[str]:
     """Names of the arguments that must be given."""
     parameters = signature(function).parameters.values()
-    return [p.name for p in parameters if p.default is p.empty and p.kind not in OPTIONAL]
+    optional = (Parameter.VAR_POSITIONAL, Parameter.VAR_KEYWORD)
+    return [p.name for p in parameters if p.default is p.empty and p.kind not in optional]
 
 
-OPTIONAL = (Parameter.VAR_POSITIONAL, Parameter.VAR_KEYWORD)
-
-
-def _loaded(what: str, name: str, protocol: Any) -> Any:
-    """What a user's module has under that name: an object, or what a class or function makes.
+def _loaded(what: str, name: str, protocol: Any, members: str) -> Any:
+    """An object of a user's module, or what a class or function there makes.
 
     A function of a history and a number of steps is a predictor itself.
     """
@@ -136,8 +128,10 @@ def _loaded(what: str, name: str, protocol: Any) -> Any:
         raise ValueError(f"{what}: {name!r}: {module!r} cannot be imported ({error})") from error
     except AttributeError:
         raise ValueError(f"{what}: {name!r}: {module!r} has no {attribute!r}") from None
-    if protocol is Predictor and isfunction(found) and len(_required(found)) == 2:
-        return FunctionPredictor(found, name)
+    if what == "predictor" and isfunction(found) and len(_required(found)) == 2:
+        from agents.interfaces.predictor import FunctionPredictor
+
+        return FunctionPredictor(found, attribute)
     ready = isinstance(found, protocol) and not isinstance(found, type)
     try:
         made = found() if callable(found) and not ready else found
@@ -147,8 +141,7 @@ def _loaded(what: str, name: str, protocol: Any) -> Any:
             "function that makes one"
         ) from error
     if not isinstance(made, protocol):
-        wanted = "name, init, update and act" if protocol is EgoPolicy else "name and predict"
         raise ValueError(
-            f"{what}: {name!r} is a {type(made).__name__}; expected something with {wanted}"
+            f"{what}: {name!r} is a {type(made).__name__}; expected something with {members}"
         )
     return made

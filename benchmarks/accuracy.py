@@ -66,7 +66,7 @@ def noise_free(rows: list[Trial]) -> list[Row]:
             [
                 r["error_squared"] if not r["error"] else np.inf
                 for r in rows
-                if (r["observation"], r["std"], r["method"]) == (observation, 0.0, "foresight")
+                if (r["observation"], r["std"], r["method"]) == (observation, 0.0, "infer-gamma")
             ]
         )
         lines.append(
@@ -100,11 +100,11 @@ def by_band(rows: list[Trial]) -> list[Row]:
             pairs = [
                 pair
                 for r in good
-                if r["method"] == "foresight"
+                if r["method"] == "infer-gamma"
                 for pair in zip(r["gamma_covered"], r["gamma_determined"], strict=True)
             ]
             told = [covered for covered, determined in pairs if determined]
-            own = ratios["foresight"]
+            own = ratios["infer-gamma"]
             lines.append(
                 {
                     "observed": observation,
@@ -113,7 +113,7 @@ def by_band(rows: list[Trial]) -> list[Row]:
                     "error / bound, mean": float(own.mean()),
                     "worst level": float(own.max()),
                     f"levels below {WANTED:g}": int(np.sum(own <= WANTED)),
-                    "gamma = 1: error / bound": float(ratios["farsighted"].mean()),
+                    "gamma = 1: error / bound": float(ratios["assume-gamma-1"].mean()),
                     "90 % intervals that hold gamma": f"{np.mean(told):.0%}" if told else "-",
                     "gamma open": f"{1.0 - len(told) / len(pairs):.0%}",
                     "seconds, median": float(np.median([r["seconds"] for r in good])),
@@ -134,7 +134,7 @@ def published(folder: Path) -> dict[tuple[str, str], Published]:
     """The reference implementation's errors: a row per level, a letter and its std, then errors."""
     found = {}
     for observation, short in (("full", "fo"), ("positions", "po")):
-        for method, name in (("foresight", "ours"), ("farsighted", "baseline")):
+        for method, name in (("infer-gamma", "ours"), ("assume-gamma-1", "baseline")):
             lines = (folder / f"crosswalk_{short}_{name}.txt").read_text().splitlines()
             table = [line.split() for line in lines if line.strip()]
             stds = np.array([float(row[0].lstrip("mb")) for row in table])

@@ -33,7 +33,7 @@ def compile_estimate(observation: str) -> float:
     estimation.truth("soft")
 
     def once() -> None:
-        estimation.fit(observation, SEQUENCE_STD, 0, "foresight")
+        estimation.fit(observation, SEQUENCE_STD, 0, "infer-gamma")
 
     return seconds_of(once) - seconds_of(once)
 

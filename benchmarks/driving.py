@@ -46,7 +46,9 @@ def rows_of(rows: Sequence[Row], scenes: Sequence[str]) -> Iterator[Row]:
 def differences(rows: Sequence[Row], scenes: Sequence[str]) -> Iterator[Row]:
     """Foresight minus the other egos on the same seeds."""
     for scene, others, other in product(scenes, BEHAVIOURS, DRIVING_EGOS):
-        found = None if other == "foresight" else paired(rows, scene, others, "foresight", other)
+        found = (
+            None if other == "infer-gamma" else paired(rows, scene, others, "infer-gamma", other)
+        )
         if found is not None:
             yield {
                 "scene": scene,

@@ -28,7 +28,7 @@ def row(observation: str, std: float, variant: str, sequences: int, yardstick: Y
     found, seconds = [], []
     for k in range(sequences):
         begin = time.perf_counter()
-        found.append(fit(observation, std, k, "foresight", profile=VARIANTS[variant]))
+        found.append(fit(observation, std, k, "infer-gamma", profile=VARIANTS[variant]))
         seconds.append(time.perf_counter() - begin)
     failed = sum(int(f.status) != Status.SOLVED for f in found)
     found = [f for f in found if int(f.status) == Status.SOLVED]
@@ -60,7 +60,7 @@ def run(setting: Setting) -> list[Result]:
     rows: list[Row] = []
     for observation in OBSERVATIONS:
         for profile in VARIANTS.values():
-            fit(observation, STDS[0], 0, "foresight", profile=profile)  # compiles
+            fit(observation, STDS[0], 0, "infer-gamma", profile=profile)  # compiles
         for std in stds:
             for name in VARIANTS:
                 with setting.console.status(f"{observation}, {std:g} m, {name}"):

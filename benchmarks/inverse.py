@@ -50,7 +50,7 @@ def algorithm_1(
         initial_state=guess_initial_states(game, model, seen),
         theta=[player_theta(seen[-1, i * half : i * half + 2]) for i in range(2)],
         gamma=gamma,
-        free=FREE["foresight"],
+        free=FREE["infer-gamma"],
         covariance=STD**2 / rate,
         prior=Prior(gamma_weight=1e-3 * rate),
         method=method,
@@ -94,11 +94,11 @@ def best_descent(observation: str) -> Descent:
 def rows_of(observation: str, compiled: CompileTime | None) -> list[Row]:
     """This estimator's line and Algorithm 1's, ratios to the former."""
     truth("soft")
-    fit(observation, STD, 0, "foresight", starts=STARTS)  # compiles
+    fit(observation, STD, 0, "infer-gamma", starts=STARTS)  # compiles
     yardstick = Yardstick.measure()
-    found = [fit(observation, STD, k, "foresight", starts=STARTS) for k in range(SEQUENCES)]
+    found = [fit(observation, STD, k, "infer-gamma", starts=STARTS) for k in range(SEQUENCES)]
     seconds = [
-        median_seconds(partial(fit, observation, STD, k, "foresight", starts=STARTS))
+        median_seconds(partial(fit, observation, STD, k, "infer-gamma", starts=STARTS))
         for k in range(SEQUENCES)
     ]
     published = best_descent(observation)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from agents import Foresight
+from agents import InferGamma
 from agents.learned.gamma import learned_gamma
 from agents.learned.gamma_network import WINDOW
 from benchmarks.report import Result, Row, Setting
@@ -27,7 +27,7 @@ def _inverse(row: Row) -> list[tuple[float, float, float]]:
     env.reset(
         seed=0, options={"goals": np.array(row["goals"]).reshape(-1, 2), "gamma": row["gamma"]}
     )
-    policy = Foresight()
+    policy = InferGamma()
     memory = policy.init(env.scene, env.agents[0])
     observations = np.array(row["observations"]).reshape(row["steps"], -1)
     controls = np.array(row["controls"]).reshape(row["steps"], 2, 2)[:, 0]

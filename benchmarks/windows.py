@@ -43,7 +43,7 @@ def row(case: Case, clip: str, parameters: str) -> Row:
     steps = len(case.states)
     errors = {}
     for method in METHODS:
-        if method == "constant velocity":
+        if method == "constant-velocity":
             states = straight(case, observe(case, "full", 0.0, 0, steps))
         else:
             states = by_agent(fit(case, "full", 0.0, 0, method, parameters))
@@ -55,7 +55,7 @@ def row(case: Case, clip: str, parameters: str) -> Row:
         "steps": steps,
         "free": parameters,
         **{f"error, {name}": value for name, value in errors.items()},
-        "ratio to gamma = 1": errors["foresight"] / errors["farsighted"],
+        "ratio to gamma = 1": errors["infer-gamma"] / errors["assume-gamma-1"],
         **{f"ADE, {p.method}": p.average_error for p in predicted},
     }
 

@@ -46,7 +46,7 @@ def by_hand() -> float:
     return tell("by hand", rewards, gamma, info)
 
 
-def by_ego(name: str = "foresight") -> float:
+def by_ego(name: str = "infer-gamma") -> float:
     """The same crossing, driven by a registered ego; returns the discounted return."""
     env = gymnasium.make("foresight/Crosswalk-v0")
     seen, info = env.reset(seed=SEED)

@@ -41,7 +41,7 @@ class PredictThenPlan:
     """The planner, with this predictor's idea of what the others will do."""
 
     predictor: Predictor = field(default_factory=ConstantVelocityPredictor)
-    name: str = "constant velocity"
+    name: str = "constant-velocity"
     window: int = 10
     """Steps that the predictor is shown."""
     risk: float = 0.1

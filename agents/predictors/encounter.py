@@ -40,7 +40,7 @@ class EncounterPredictor:
     @property
     def name(self) -> str:
         """Name in tables and on the command line."""
-        return "foresight" if self.infer else "farsighted"
+        return "encounter-game" if self.infer else "encounter-game-gamma-1"
 
     def predict(self, history: History, steps: int) -> Forecast:
         """Where everybody will be; constant velocity, marked so, where no fit succeeds.

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from agents import Foresight, History, make_predictor
+from agents import History, InferGamma, make_predictor
 from benchmarks.robustness.tally import Random, Tally
 from foresight_env.envs import crosswalk_v0
 from foresight_env.games import full_state, positions
@@ -120,7 +120,7 @@ def use_ego(random: Random, tally: Tally) -> None:
     env = crosswalk_v0.parallel_env(planning_horizon=HORIZON, max_steps=EPISODE)
     observations, infos = env.reset(seed=int(random.integers(2**31)))
     (agent,) = env.agents
-    policy = Foresight(window=WINDOW, ahead=HORIZON - WINDOW + 1)
+    policy = InferGamma(window=WINDOW, ahead=HORIZON - WINDOW + 1)
     memory = policy.init(env.scene, agent)
     rows = [observations[agent]]
     while env.agents:

@@ -8,24 +8,26 @@ from typing import Annotated, Any
 
 import typer
 
+from agents.registry import REACTIVE_EGOS, is_custom
 from evaluation.cli.benchmark import benchmark
 from evaluation.cli.evaluate import evaluate
 from evaluation.cli.learn import generate, train
 from evaluation.cli.options import (
     EGO_HELP,
-    REACTIVE_NAMES,
-    Behaviour,
-    Observed,
     OutOption,
-    Scenario,
-    Scene,
     WorkersOption,
     check_ego,
     check_noise,
-    is_own,
     look_here,
     make_all,
     plain_errors,
+)
+from foresight_env.names import (
+    SCENE_NAMES,
+    DrivingBehaviour,
+    Observation,
+    Scenario,
+    SceneName,
 )
 
 # Typer brings a copy of Click or not, by its version; its own error derives from the right one.
@@ -54,16 +56,19 @@ def run(
             help=f"{EGO_HELP} In driving also idm, highway-env's own vehicle; at the crosswalk "
             "also cloned and ppo, networks that decide without planning.",
         ),
-    ] = "foresight",
+    ] = "infer-gamma",
     seed: Annotated[int, typer.Option(min=0, help="Episode.")] = 0,
-    scene: Annotated[Scene, typer.Option(help="Of driving.")] = Scene.LEFT_TURN,
+    scene: Annotated[
+        SceneName | None,
+        typer.Option(help=f"Of driving; default {SCENE_NAMES[0]}.", show_default=False),
+    ] = None,
     players: Annotated[
         int | None, typer.Option(min=2, max=6, help="Number of agents or cars.")
     ] = None,
-    observation: Annotated[Observed, typer.Option(help="What the ego sees.")] = Observed.FULL,
+    observation: Annotated[Observation, typer.Option(help="What the ego sees.")] = "full",
     behaviour: Annotated[
-        Behaviour, typer.Option(help="What the others do; idm: cars of driving.")
-    ] = Behaviour.RECEDING,
+        DrivingBehaviour, typer.Option(help="What the others do; idm: cars of driving.")
+    ] = "receding",
     noise_std: Annotated[
         float | None,
         typer.Option(min=0.0, help="Noise std of every observed coordinate; default: as usual."),
@@ -74,17 +79,19 @@ def run(
     """Run one episode: table, picture, animation, inferred discount factors over time."""
     if noise_std is not None:
         check_noise(noise_std)
-    if is_own(ego):
+    if scene is not None and scenario != "driving":
+        raise ValueError(f"--scene: is {scene}; only the scenario driving has scenes")
+    if is_custom(ego):
         make_all("--ego", [ego])
-    elif ego == "idm" and scenario is not Scenario.DRIVING:
+    elif ego == "idm" and scenario != "driving":
         raise ValueError(f"--ego: {ego} drives cars of the scenario driving only")
-    elif ego in REACTIVE_NAMES and scenario is not Scenario.CROSSWALK:
+    elif ego in REACTIVE_EGOS and scenario != "crosswalk":
         raise ValueError(f"--ego: {ego} walks in the scenario crosswalk only")
     from evaluation.cli.demonstration import run_one
     from evaluation.rollout.setting import RunSetting
 
     setting = RunSetting(
-        scenario.value, scene.value, players, observation.value, noise_std, behaviour.value
+        scenario, scene or SCENE_NAMES[0], players, observation, noise_std, behaviour
     )
     run_one(ego, seed, setting, human, out)
 

@@ -7,14 +7,12 @@ from typing import Annotated
 
 import typer
 
+from agents.registry import PLANNED
 from evaluation.cli.options import (
     ALL_EGO_NAMES,
     PREDICTOR_NAMES,
-    Behaviour,
     ClusterOption,
     OutOption,
-    Scenario,
-    Scene,
     Split,
     WorkersOption,
     chosen_agents,
@@ -22,9 +20,10 @@ from evaluation.cli.options import (
     listed,
     plain_errors,
 )
+from foresight_env.names import SCENARIOS, SCENE_NAMES
 
-PLACE_NAMES = (Scenario.CROSSWALK.value, Scenario.INTERSECTION.value, *(s.value for s in Scene))
-PLANNED_NAMES = tuple(f"{name}+plan" for name in PREDICTOR_NAMES if name != "constant-velocity")
+PLACE_NAMES = (*(name for name in SCENARIOS if name != "driving"), *SCENE_NAMES)
+PLANNED_NAMES = tuple(f"{name}{PLANNED}" for name in PREDICTOR_NAMES if name != "constant-velocity")
 """The ego "constant-velocity" is the planner with that predictor already."""
 
 
@@ -39,14 +38,14 @@ def benchmark(
     ] = None,
     split: Annotated[
         Split, typer.Option(help="Of the recordings; settings were chosen on development.")
-    ] = Split.TEST,
+    ] = "test",
     scenarios: Annotated[
         str,
         typer.Option(help=f"Comma-separated, of {', '.join(PLACE_NAMES)}; empty for none."),
     ] = ",".join(PLACE_NAMES),
     others: Annotated[
         str, typer.Option(help="What drives the other cars, comma-separated: receding, idm.")
-    ] = Behaviour.RECEDING.value,
+    ] = "receding",
     predictors: Annotated[
         str, typer.Option(help="Comma-separated names or module:Class; all, or empty for none.")
     ] = "all",
@@ -72,7 +71,7 @@ def benchmark(
 
     plan = Plan(
         listed("--scenarios", scenarios, PLACE_NAMES) if scenarios else (),
-        listed("--others", others, (Behaviour.RECEDING.value, Behaviour.IDM.value)),
+        listed("--others", others, ("receding", "idm")),
         _names("--predictors", predictors, PREDICTOR_NAMES),
         _names("--egos", egos, (*ALL_EGO_NAMES, *PLANNED_NAMES)),
         episodes,
@@ -81,7 +80,7 @@ def benchmark(
         raise ValueError("--scenarios, --data: are both empty; there is nothing to run")
     if not (plan.predictors or plan.egos):
         raise ValueError("--predictors, --egos: are both empty; there is nothing to run")
-    run(plan, data, split.value, chosen_workers(workers, cluster), out)
+    run(plan, data, split, chosen_workers(workers, cluster), out)
 
 
 def _names(option: str, text: str, known: tuple[str, ...]) -> tuple[str, ...]:

@@ -279,13 +279,13 @@ def demonstrate(data: Path | None, workers: Workers, out: Path) -> None:
         encounters(data, count=2)  # a bad file is reported at once, not after two minutes
     # The study comes first: its processes compile side by side what the later parts need.
     console.rule("1. Does foresight help? Four egos, the same crossings")
-    egos = ("oracle", "foresight", "farsighted", "constant-velocity")
+    egos = ("oracle", "infer-gamma", "assume-gamma-1", "constant-velocity")
     # What an earlier version left there would hide what this one does: the demo starts afresh.
     rows = closed_loop.study(out / "closed_loop", egos, range(4), workers=workers, fresh=True)
     print_closed_loop(console, [summarise(rows, e) for e in egos], rows)
     _tell(console, closed_loop_summary(rows, egos, out / "closed_loop.png"))
     console.rule("2. One of them: the ego infers the other's foresight while it walks")
-    _draw(console, "foresight", 0, RunSetting(noise_std=ClosedLoop().noise_std), out / "episode")
+    _draw(console, "infer-gamma", 0, RunSetting(noise_std=ClosedLoop().noise_std), out / "episode")
     console.rule("3. How well can foresight be inferred? Error against noise")
     # In this process: compiling takes longer than these few fits, and the next picture needs it.
     rows = estimation.study(out / "estimation", 3, 3, observations=("full",), workers=0, fresh=True)

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal, get_args
 
 import typer
 
@@ -14,13 +13,10 @@ from evaluation.cli.options import (
     EGO_HELP,
     EGO_NAMES,
     PREDICTOR_NAMES,
-    Behaviour,
     ClusterOption,
     NoiseOption,
-    Observed,
     OutOption,
     PlayersOption,
-    Scene,
     Split,
     WorkersOption,
     check_noise,
@@ -29,6 +25,7 @@ from evaluation.cli.options import (
     listed,
     plain_errors,
 )
+from foresight_env.names import SCENE_NAMES, DrivingBehaviour, Observation
 
 evaluate = typer.Typer(no_args_is_help=True, help="Compare methods over many trials; figures.")
 
@@ -54,8 +51,8 @@ def evaluate_crosswalk(
     ] = ",".join(EGO_NAMES),
     players: PlayersOption = 2,
     observation: Annotated[
-        Observed, typer.Option(help="What the egos see in the closed loop.")
-    ] = Observed.FULL,
+        Observation, typer.Option(help="What the egos see in the closed loop.")
+    ] = "full",
     noise_std: NoiseOption = 0.05,
     workers: WorkersOption = None,
     cluster: ClusterOption = None,
@@ -78,7 +75,7 @@ def evaluate_crosswalk(
         grid,
         names,
         players,
-        observation.value,
+        observation,
         noise_std,
         chosen_workers(workers, cluster),
         out,
@@ -90,17 +87,17 @@ def evaluate_crosswalk(
 def evaluate_driving(
     episodes: Annotated[int, typer.Option(min=1, help="Noise seeds; the paper has 50.")] = 10,
     scenes: Annotated[
-        str, typer.Option(help=f"Comma-separated, of {', '.join(Scene)}.")
-    ] = Scene.LEFT_TURN.value,
+        str, typer.Option(help=f"Comma-separated, of {', '.join(SCENE_NAMES)}.")
+    ] = SCENE_NAMES[0],
     others: Annotated[
         str,
         typer.Option(help="What the other cars do, comma-separated: receding (the game), idm."),
-    ] = f"{Behaviour.RECEDING.value},{Behaviour.IDM.value}",
+    ] = "receding,idm",
     egos: Annotated[
         str, typer.Option(help=f"Comma-separated, of {', '.join(DRIVING_EGO_NAMES)}.")
     ] = ",".join(DRIVING_EGO_NAMES),
     cars: Annotated[int, typer.Option(min=2, max=6, help="Number of cars.")] = 4,
-    observation: Annotated[Observed, typer.Option(help="What the egos see.")] = Observed.FULL,
+    observation: Annotated[Observation, typer.Option(help="What the egos see.")] = "full",
     noise_std: NoiseOption = 0.1,
     workers: WorkersOption = None,
     cluster: ClusterOption = None,
@@ -113,32 +110,23 @@ def evaluate_driving(
     """
     check_noise(noise_std)
     chosen = (
-        listed("--scenes", scenes, tuple(Scene)),
-        listed("--others", others, tuple(Behaviour)),
+        listed("--scenes", scenes, SCENE_NAMES),
+        listed("--others", others, get_args(DrivingBehaviour)),
         chosen_agents("--egos", egos, DRIVING_EGO_NAMES),
     )
     from evaluation.cli import demonstration
     from evaluation.studies.driving import DrivingSetting
 
-    setting = DrivingSetting(cars, noise_std, observation.value)
+    setting = DrivingSetting(cars, noise_std, observation)
     demonstration.evaluate_driving(
         episodes, *chosen, setting, chosen_workers(workers, cluster), out
     )
 
 
-class Place(StrEnum):
-    """What is known of the place of a recording."""
-
-    AUTO = "auto"
-    AACHEN = "aachen"
-    OPEN = "open"
-
-
-class Parameters(StrEnum):
-    """What is estimated beside discount factors."""
-
-    GOALS = "goals"
-    ALL = "all"
+Site = Literal["auto", "aachen", "open"]
+"""What is known of the place of a recording."""
+Parameters = Literal["goals", "all"]
+"""What is estimated beside discount factors."""
 
 
 def _frames(text: str) -> tuple[int, int]:
@@ -170,16 +158,16 @@ def evaluate_intersection(
     ] = None,
     every: Annotated[int, typer.Option(min=1, help="Take every n-th frame.")] = 6,
     place: Annotated[
-        Place,
+        Site,
         typer.Option(
             help="aachen: the published corners, sides and lanes; open: none; auto: the first for "
             "inD tracks that lie there."
         ),
-    ] = Place.AUTO,
+    ] = "auto",
     parameters: Annotated[
         Parameters,
         typer.Option(help="Estimated beside gamma: goals, or weights and distances as well."),
-    ] = Parameters.GOALS,
+    ] = "goals",
     levels: Annotated[int, typer.Option(min=1, help="Noise levels, std 0 to 0.1.")] = 6,
     sequences: Annotated[int, typer.Option(min=1, help="Noisy sequences per level.")] = 10,
     at: Annotated[int, typer.Option(help="Steps that the prediction's picture has seen.")] = 15,
@@ -199,9 +187,9 @@ def evaluate_intersection(
     if data is not None:
         names = tuple(name.strip() for name in (tracks or "").split(","))
         span = None if frames is None else _frames(frames)
-        choice = Choice(str(data), names, span, every, recording, place.value)
+        choice = Choice(str(data), names, span, every, recording, place)
     demonstration.evaluate_intersection(
-        choice, levels, sequences, parameters.value, at, chosen_workers(workers, cluster), out
+        choice, levels, sequences, parameters, at, chosen_workers(workers, cluster), out
     )
 
 
@@ -226,7 +214,7 @@ def evaluate_prediction(
         typer.Option(
             help="development: the recordings that settings were chosen on; test: all others."
         ),
-    ] = Split.ALL,
+    ] = "all",
     workers: WorkersOption = None,
     cluster: ClusterOption = None,
     out: OutOption = Path("results/prediction"),
@@ -235,6 +223,4 @@ def evaluate_prediction(
     names = chosen_agents("--predictors", predictors, PREDICTOR_NAMES)
     from evaluation.cli import demonstration
 
-    demonstration.evaluate_prediction(
-        data, names, split.value, chosen_workers(workers, cluster), out
-    )
+    demonstration.evaluate_prediction(data, names, split, chosen_workers(workers, cluster), out)

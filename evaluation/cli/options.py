@@ -6,59 +6,35 @@ import math
 import os
 import sys
 from collections.abc import Callable, Sequence
-from enum import StrEnum
 from functools import wraps
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
+from agents.registry import (
+    ALL_EGOS,
+    CROSSWALK_EGOS,
+    DRIVING_EGOS,
+    EGOS,
+    PREDICTORS,
+    is_custom,
+    make_ego,
+    make_predictor,
+)
 from evaluation.execution.process import keep_compiled_programs
 
-EGO_NAMES = ("oracle", "foresight", "farsighted", "constant-velocity")
+EGO_NAMES = tuple(EGOS)
+DRIVING_EGO_NAMES = tuple(DRIVING_EGOS)
+CROSSWALK_EGO_NAMES = tuple(CROSSWALK_EGOS)
+ALL_EGO_NAMES = tuple(ALL_EGOS)
+PREDICTOR_NAMES = tuple(PREDICTORS)
 EGO_HELP = (
-    "One of oracle, foresight (in tables: gamma inferred), farsighted (gamma = 1), "
-    "constant-velocity; PREDICTOR+plan, the same planner with any predictor; or your own as "
-    "module:Class."
+    f"One of {', '.join(EGO_NAMES)}; PREDICTOR+plan, the same planner with any predictor; or your "
+    "own as module:Class."
 )
-
-
-DRIVING_EGO_NAMES = (*EGO_NAMES, "idm")
-REACTIVE_NAMES = ("cloned", "ppo")
-CROSSWALK_EGO_NAMES = (*EGO_NAMES, *REACTIVE_NAMES)
-ALL_EGO_NAMES = (*DRIVING_EGO_NAMES, *REACTIVE_NAMES)
-
-
-class Scenario(StrEnum):
-    """Scenarios that can be run."""
-
-    CROSSWALK = "crosswalk"
-    INTERSECTION = "intersection"
-    DRIVING = "driving"
-
-
-class Scene(StrEnum):
-    """Scenes of driving."""
-
-    LEFT_TURN = "left_turn"
-    MERGE = "merge"
-    LANE_CHANGE = "lane_change"
-    ROUNDABOUT = "roundabout"
-
-
-class Observed(StrEnum):
-    """What agents and estimators see."""
-
-    FULL = "full"
-    POSITIONS = "positions"
-
-
-class Behaviour(StrEnum):
-    """What the agents do that nobody controls."""
-
-    RECEDING = "receding"
-    OPEN_LOOP = "open_loop"
-    IDM = "idm"
+Split = Literal["all", "development", "test"]
+"""Which recordings of a folder."""
 
 
 def plain_errors(command: Callable[..., None]) -> Callable[..., None]:
@@ -83,14 +59,9 @@ def plain_errors(command: Callable[..., None]) -> Callable[..., None]:
     return wrapped
 
 
-def is_own(name: str) -> bool:
-    """Whether it names what the registry makes of a predictor's name or of a user's module."""
-    return ":" in name or name.endswith("+plan")
-
-
 def check_ego(name: str) -> str:
-    """For the option `--ego`: a name that is known, or one's own."""
-    if name not in ALL_EGO_NAMES and not is_own(name):
+    """Check the option `--ego`: a registered name, or a custom one."""
+    if name not in ALL_EGO_NAMES and not is_custom(name):
         raise typer.BadParameter(f"{name!r} is unknown; choose from {', '.join(ALL_EGO_NAMES)}")
     return name
 
@@ -107,8 +78,8 @@ def listed(option: str, text: str, known: Sequence[str]) -> tuple[str, ...]:
 def chosen_agents(option: str, text: str, known: Sequence[str]) -> tuple[str, ...]:
     """The same, where names may also be what the registry can make."""
     names = tuple(dict.fromkeys(name.strip() for name in text.split(",")))
-    listed(option, ",".join(name for name in names if not is_own(name)) or known[0], known)
-    make_all(option, [name for name in names if is_own(name)])
+    listed(option, ",".join(name for name in names if not is_custom(name)) or known[0], known)
+    make_all(option, [name for name in names if is_custom(name)])
     return names
 
 
@@ -126,8 +97,6 @@ def make_all(option: str, names: Sequence[str]) -> None:
     if not names:
         return
     look_here()
-    from agents.registry import make_ego, make_predictor
-
     for name in names:
         (make_predictor if option == "--predictors" else make_ego)(name)
 
@@ -162,28 +131,3 @@ def chosen_workers(workers: int | None, cluster: str | None) -> int | str | None
     if workers is not None:
         raise ValueError("--workers: counts processes of this machine; leave it out with --cluster")
     return cluster
-
-
-PREDICTOR_NAMES = (
-    "foresight",
-    "farsighted",
-    "kkt-residual",
-    "particle-filter",
-    "constant-velocity",
-    "constant-turn-rate",
-    "constant-acceleration",
-    "kalman",
-    "social-force",
-    "orca",
-    "idm",
-    "social-lstm",
-    "transformer",
-)
-
-
-class Split(StrEnum):
-    """Which recordings of a folder."""
-
-    ALL = "all"
-    DEVELOPMENT = "development"
-    TEST = "test"

@@ -42,12 +42,12 @@ def print_driving(
     others: Sequence[str],
     egos: Sequence[str],
 ) -> None:
-    """One table per scene and kind of others, then paired differences of foresight."""
+    """One table per scene and kind of others, then paired differences of infer-gamma."""
     for scene in scenes:
         for other in others:
             found = [summarise(rows, scene, other, ego) for ego in egos]
             console.print(_table(place(scene, other), [s for s in found if s is not None]))
-            if "foresight" in egos:
+            if "infer-gamma" in egos:
                 _print_paired(console, rows, scene, other, egos)
     console.print(
         "time to goal: the time limit where it was not reached. at fault: the ego moved, and whom "
@@ -98,8 +98,8 @@ def _print_paired(
 ) -> None:
     console.print("gamma inferred minus, same seeds:")
     for other in egos:
-        found = paired(rows, scene, others, "foresight", other)
-        if other != "foresight" and found is not None:
+        found = paired(rows, scene, others, "infer-gamma", other)
+        if other != "infer-gamma" and found is not None:
             console.print(
                 f"  {label_of(other)}: collisions {found.collisions:+d}, gap "
                 f"{mean_and_half(found.gap)} m, time to goal {mean_and_half(found.time)} s "

@@ -116,7 +116,7 @@ def representative_trial(
     _metres(scene)
     scene.set_title("what noisy observations imply (x: inferred goals)", fontsize=10)
     scene.margins(0.3, 0.2)
-    found = fits["foresight"]
+    found = fits["infer-gamma"]
     for i in range(2):
         bars.bar(
             i - 0.2, MONTE_CARLO.gamma[i], 0.38, color="0.75", label="truth" if i == 0 else None
@@ -127,10 +127,10 @@ def representative_trial(
             0.38,
             yerr=np.abs(found.gamma_interval[i] - found.gamma[i])[:, None],
             capsize=4,
-            color=colour_of("foresight"),
+            color=colour_of("infer-gamma"),
             label="inferred, 90 % interval" if i == 0 else None,
         )
-    bars.axhline(1.0, color=colour_of("farsighted"), ls="--", label="baseline: gamma = 1")
+    bars.axhline(1.0, color=colour_of("assume-gamma-1"), ls="--", label="baseline: gamma = 1")
     bars.set_xticks([0, 1], ["agent 0", "agent 1"])
     bars.set_title("inferred discount factors", fontsize=10)
     bars.set_ylim(0.0, 1.1)
@@ -146,7 +146,7 @@ def error_against_noise(rows: Sequence[Row], path: Path) -> Path:
     observations = [o for o in ("full", "positions") if any(r["observation"] == o for r in rows)]
     panels = np.atleast_1d(figure.subplots(1, len(observations), sharey=True))
     for axes, observation in zip(panels, observations, strict=True):
-        for method in ("foresight", "farsighted"):
+        for method in ("infer-gamma", "assume-gamma-1"):
             mine = [r for r in rows if r["observation"] == observation and r["method"] == method]
             stds = sorted({r["std"] for r in mine})
             grouped = [
@@ -283,7 +283,7 @@ def recorded_encounter(encounter: Encounter, forecasts: Sequence[Judged], path: 
             line: Any = np.concatenate([start, np.where(compared, path_to[:, a], np.nan)])
             axes.plot(
                 # Wider, since the others often lie on top of it.
-                *line.T, ".-", ms=3, lw=3.0 if found.predictor == "foresight" else 1.2,
+                *line.T, ".-", ms=3, lw=3.0 if found.predictor == "encounter-game" else 1.2,
                 color=colour_of(found.predictor),
                 label=told if a == 0 else None,
             )  # fmt: skip

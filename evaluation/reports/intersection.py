@@ -52,7 +52,7 @@ def print_errors(console: Console, rows: Sequence[Row]) -> None:
         )
     settings = sorted({(r["observation"], r["std"]) for r in rows})
     for observation, std in settings:
-        base = _values(rows, "error_squared", observation, std, "farsighted")
+        base = _values(rows, "error_squared", observation, std, "assume-gamma-1")
         for method in METHODS:
             errors = _values(rows, "error_squared", observation, std, method)
             if errors.size == 0:
@@ -83,7 +83,7 @@ def print_gammas(console: Console, rows: Sequence[Row]) -> None:
     table = Table(title="Inferred discount factors, least noise: 90 % intervals")
     for name in ("class", "agent", "observed", "gamma", "interval"):
         table.add_column(name)
-    mine = [r for r in rows if r["method"] == "foresight" and not r["error"] and r["gamma"]]
+    mine = [r for r in rows if r["method"] == "infer-gamma" and not r["error"] and r["gamma"]]
     least = min((r["std"] for r in mine), default=0.0)
     chosen = [r for r in mine if r["std"] == least and r["sequence"] == 0]
     kinds = chosen[0]["kinds"] if chosen else []

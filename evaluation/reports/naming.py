@@ -6,31 +6,20 @@ all others; both are told apart by the colour-blind.
 
 from __future__ import annotations
 
+from functools import lru_cache
+from typing import Any
 from zlib import crc32
 
-LABELS = {
-    "foresight": "gamma inferred",
-    "farsighted": "gamma = 1",
-    "constant-velocity": "constant velocity",
-    "constant-turn-rate": "constant turn rate",
-    "constant-acceleration": "constant acceleration",
-    "kalman": "Kalman filter",
-    "social-force": "social force",
-    "orca": "ORCA",
-    "oracle": "oracle",
-    "idm": "IDM",
-    "kkt-residual": "KKT residual",
-    "particle-filter": "particle filter",
-    "social-lstm": "social LSTM",
-    "cloned": "cloned oracle",
-    "ppo": "PPO",
-}
+from agents.registry import PLANNED, make_ego, make_predictor
+
 OTHERS = {"receding": "game agents", "idm": "IDM/MOBIL cars", "open_loop": "open-loop game agents"}
 """Whom an ego drives among."""
 COLOURS = {
     "truth": "#000000",
-    "foresight": "#0072B2",
-    "farsighted": "#D55E00",
+    "infer-gamma": "#0072B2",
+    "assume-gamma-1": "#D55E00",
+    "encounter-game": "#0072B2",
+    "encounter-game-gamma-1": "#D55E00",
     "constant-velocity": "#009E73",
     "constant-turn-rate": "#56B4E9",
     "oracle": "#CC79A7",
@@ -49,14 +38,28 @@ COLOURS = {
 OTHER_COLOURS = ("#DDCC77", "#CC6677", "#88CCEE", "#777777")
 
 
+@lru_cache(maxsize=256)
 def label_of(name: str) -> str:
-    """What a reader sees for a name of the registry; a user's own name stays as it is."""
-    if name.endswith("+plan"):
-        return f"{label_of(name.removesuffix('+plan'))}, planned"
-    return LABELS.get(name, name)
+    """Return what tables and figures show for a name: the name; of a user's object, its own `name`.
+
+    A user's module that cannot be imported (any more) leaves the name as it was given.
+    """
+    if ":" not in name:
+        return name
+    try:
+        return str((make_ego if name.endswith(PLANNED) else _either)(name).name)
+    except ValueError:
+        return name
+
+
+def _either(name: str) -> Any:
+    """A user's predictor or ego."""
+    try:
+        return make_predictor(name)
+    except ValueError:
+        return make_ego(name)
 
 
 def colour_of(name: str) -> str:
     """The same in every figure: of a name without one of its own, chosen by its letters."""
-    name = name.replace(" ", "-")
     return COLOURS.get(name, OTHER_COLOURS[crc32(name.encode()) % len(OTHER_COLOURS)])

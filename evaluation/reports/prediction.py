@@ -22,7 +22,7 @@ from evaluation.studies.prediction import SECONDS
 from evaluation.windows.table import WINDOW
 from foresight_env.games.kinds import is_vehicle
 
-FIRST = "foresight"
+FIRST = "encounter-game"
 """What the others are compared with, where it is among them."""
 
 Part = tuple[str, str]
@@ -43,7 +43,7 @@ def _name(part: Part) -> str:
 def predictors(rows: Sequence[Row]) -> list[str]:
     """Which predictors there are, the one that others are compared with first."""
     names = list(dict.fromkeys(r["predictor"] for r in rows))
-    return sorted(names, key=lambda name: (name != FIRST, name != "farsighted", name))
+    return sorted(names, key=lambda name: (name != FIRST, name != "encounter-game-gamma-1", name))
 
 
 def _of(rows: Sequence[Row], part: Part, predictor: str) -> list[Row]:

@@ -20,7 +20,7 @@ from evaluation.reports.naming import label_of
 from evaluation.rollout.endings import COLLISION, REACHED
 from evaluation.studies.estimation import LEAST_STD, bound
 
-METHODS = ("farsighted", "foresight")
+METHODS = ("assume-gamma-1", "infer-gamma")
 """In the order of the reference's numbers."""
 Select = dict[str, Any]
 """Columns and the values wanted in them."""
@@ -62,7 +62,7 @@ def _saved(rows: Sequence[Row]) -> str:
         mine = {"observation": observation, "std": std}
         inferred, farsighted = (
             [r["error_squared"] for r in _chosen(rows, {**mine, "method": m})]
-            for m in ("foresight", "farsighted")
+            for m in ("infer-gamma", "assume-gamma-1")
         )
         if inferred and farsighted:
             saved.append(1.0 - np.mean(inferred) / np.mean(farsighted))
@@ -71,7 +71,7 @@ def _saved(rows: Sequence[Row]) -> str:
 
 def _above_bound(observation: str, rows: Sequence[Row]) -> str:
     """Mean error over the Cramer-Rao bound: median and worst of the noise levels."""
-    mine = _chosen(rows, {"observation": observation, "method": "foresight"})
+    mine = _chosen(rows, {"observation": observation, "method": "infer-gamma"})
     levels = sorted({r["std"] for r in mine if r["std"] > LEAST_STD})
     ratios = [
         np.mean([r["error_squared"] for r in mine if r["std"] == std])
@@ -146,19 +146,19 @@ PUBLISHED: dict[str, tuple[Comparison, ...]] = {
             "left turn, gamma inferred: nearest to another car's middle",
             "",
             "above 6 m",
-            partial(_left_turn, "foresight", _least_distance),
+            partial(_left_turn, "infer-gamma", _least_distance),
         ),
         Comparison(
             "left turn, gamma inferred: goal reached",
             "",
             "50 of 50",
-            partial(_left_turn, "foresight", partial(_ends, REACHED)),
+            partial(_left_turn, "infer-gamma", partial(_ends, REACHED)),
         ),
         Comparison(
             "left turn, gamma inferred: collisions",
             "",
             "0 of 50",
-            partial(_left_turn, "foresight", partial(_ends, COLLISION)),
+            partial(_left_turn, "infer-gamma", partial(_ends, COLLISION)),
         ),
     ),
 }

@@ -239,7 +239,7 @@ def _chosen(
 ) -> list[tuple[Row, str]]:
     """Episodes worth watching: the first seed with the ego that infers, and collisions."""
     whole = sorted((r for r in rows if not r["error"]), key=lambda r: (r["seed"], r["ego"]))
-    first = [(r, "the first seed") for r in whole if r["ego"] == "foresight"][:1]
+    first = [(r, "the first seed") for r in whole if r["ego"] == "infer-gamma"][:1]
     harm: dict[str, Row] = {}
     for row in whole:
         if harmed(row):

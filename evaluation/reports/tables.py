@@ -31,7 +31,7 @@ def mean_and_half(interval: Interval | None, digits: int = 2) -> str:
 
 
 def print_closed_loop(console: Console, summaries: Sequence[Summary], rows: Sequence[Row]) -> None:
-    """One column per ego, then paired differences of foresight against the others."""
+    """One column per ego, then paired differences of infer-gamma against the others."""
     table = Table(title="Closed loop: an ego among short-sighted others (means ±95 %)")
     table.add_column("", no_wrap=True)
     for s in summaries:
@@ -62,16 +62,18 @@ def print_closed_loop(console: Console, summaries: Sequence[Summary], rows: Sequ
             "The oracle knows every parameter, but not which of several equilibria the others "
             "play: those who watch them may do better."
         )
-    if "foresight" not in names:
+    if "infer-gamma" not in names:
         return
     console.print(
         "gamma inferred minus the others, same seeds (cost: those where neither collided, negative "
         "is better):"
     )
     for other in names:
-        if other != "foresight":
-            cost = paired_difference(list(rows), "foresight", other, "cost", with_collisions=False)
-            distance = paired_difference(list(rows), "foresight", other, "min_distance")
+        if other != "infer-gamma":
+            cost = paired_difference(
+                list(rows), "infer-gamma", other, "cost", with_collisions=False
+            )
+            distance = paired_difference(list(rows), "infer-gamma", other, "min_distance")
             console.print(
                 f"  {label_of(other)}: cost {mean_and_half(cost, 1)}, min distance "
                 f"{mean_and_half(distance)} m"
@@ -102,13 +104,13 @@ def print_estimation(console: Console, rows: Sequence[Row]) -> None:
             ]  # fmt: skip
             mean[method] = float(np.mean([r["error_squared"] for r in mine])) if mine else np.nan
             count = max(count, len(mine))
-            seconds += [r["seconds"] for r in mine if method == "foresight"]
+            seconds += [r["seconds"] for r in mine if method == "infer-gamma"]
         limit = bound(observation) * std**2
-        far_below |= std > LEAST_STD and mean["foresight"] < FAR_BELOW * limit
+        far_below |= std > LEAST_STD and mean["infer-gamma"] < FAR_BELOW * limit
         table.add_row(
-            observation, f"{std:.3f}", str(count), f"{mean['foresight']:.3g}",
-            f"{mean['farsighted']:.3g}", f"{limit:.3g}" if std > LEAST_STD else "0",
-            f"{mean['foresight'] / limit:.2f}" if std > LEAST_STD else "",
+            observation, f"{std:.3f}", str(count), f"{mean['infer-gamma']:.3g}",
+            f"{mean['assume-gamma-1']:.3g}", f"{limit:.3g}" if std > LEAST_STD else "0",
+            f"{mean['infer-gamma'] / limit:.2f}" if std > LEAST_STD else "",
             f"{np.median(seconds):.2f}" if seconds else "",
         )  # fmt: skip
     console.print(table)
@@ -180,7 +182,7 @@ def _gammas(forecasts: Sequence[Judged]) -> str:
     for judged in forecasts:
         found = judged.forecast
         parts: Any = found.gamma, found.gamma_deviation, found.gamma_determined
-        if judged.predictor == "foresight" and found.gamma is not None:
+        if judged.predictor == "encounter-game" and found.gamma is not None:
             values = zip(*(part.tolist() for part in parts), strict=True)
             return "\n".join(told_gamma(*each) for each in values)
     return "-"

@@ -19,7 +19,7 @@ from evaluation.execution.compilation import until_forgotten
 from evaluation.rollout.setting import EGO_GAMMA, OTHERS_GAMMA, RunSetting
 from foresight_env.envs.core.scene import Scene, observation_order
 
-KNOWING = ("oracle", "farsighted")
+KNOWING = ("oracle", "assume-gamma-1")
 """Egos that know or assume the discount factors in their decisions; others infer them."""
 WARM_UP_STEPS = 13
 """Steps after which every program that an ego needs has been compiled: the window slides."""

@@ -34,13 +34,13 @@ from foresight_env.inverse import (
 from foresight_env.scenarios.crosswalk import MONTE_CARLO, Proximity, crosswalk_game, player_theta
 
 KEY = ("observation", "std", "sequence", "method")
-METHODS = ("foresight", "farsighted")
+METHODS = ("infer-gamma", "assume-gamma-1")
 OBSERVATIONS = ("full", "positions")
 LEAST_STD = 1e-3
 """Noise (m) that noise-free sequences are fitted with: only the prior's share depends on it."""
 FREE = {
-    "foresight": Free(("goal",), True, True),
-    "farsighted": Free(("goal",), False, True),
+    "infer-gamma": Free(("goal",), True, True),
+    "assume-gamma-1": Free(("goal",), False, True),
 }
 
 
@@ -95,7 +95,7 @@ def fit(
         model,
         initial_state=guess_initial_states(game, model, seen),
         theta=[player_theta(seen[-1, i * half : i * half + 2]) for i in range(2)],
-        gamma=gamma if method == "foresight" else 1.0,
+        gamma=gamma if method == "infer-gamma" else 1.0,
         free=FREE[method],
         covariance=max(std, LEAST_STD) ** 2,
         starts=MultiStart(starts),
@@ -106,7 +106,7 @@ def fit(
 @until_forgotten
 def warm_up(observation: str, proximity: Proximity) -> None:
     """Compile in this process what an estimate needs, so that times are those of running."""
-    fit(observation, 0.0, 0, "farsighted", proximity, 1)
+    fit(observation, 0.0, 0, "assume-gamma-1", proximity, 1)
 
 
 def gamma_covered(found: Estimate) -> Bool[np.ndarray, "2"]:
@@ -187,6 +187,6 @@ def bound(observation: str, proximity: Proximity = "soft") -> float:
             initial_state=setting.initial_states,
             theta=setting.theta,
             gamma=setting.gamma,
-            free=FREE["foresight"],
+            free=FREE["infer-gamma"],
         ).trajectory
     )

@@ -36,7 +36,7 @@ from foresight_env.scenarios.intersection import player_theta
 KEY = ("observation", "std", "sequence", "method")
 SCHEMA = 2
 """Counted up when rows get other columns or mean something else: older folders are refused."""
-METHODS = ("foresight", "farsighted", "constant velocity")
+METHODS = ("infer-gamma", "assume-gamma-1", "constant-velocity")
 PARAMETERS = {
     "goals": ("goal",),
     "all": (
@@ -104,7 +104,7 @@ def fit(
         names = tuple(name for name in PARAMETERS[parameters] if name in own)
         limits = tuple((name, WEIGHT_RANGE) for name in names if name != "goal")
         theta.append(own)
-        free.append(Free(names, method == "foresight", True, theta_range=limits))
+        free.append(Free(names, method == "infer-gamma", True, theta_range=limits))
     return estimate(
         game,
         seen,
@@ -145,7 +145,7 @@ def by_agent(found: Estimate) -> Float[np.ndarray, "K N 4"]:
 @until_forgotten
 def warm_up(choice: Choice, observation: str, parameters: str) -> None:
     """Compile in this process what an estimate needs, so that times are those of running."""
-    fit(load(choice), observation, 0.0, 0, "farsighted", parameters)
+    fit(load(choice), observation, 0.0, 0, "assume-gamma-1", parameters)
 
 
 def run_sequence(
@@ -156,7 +156,7 @@ def run_sequence(
     steps = len(case.states)
     found: Estimate | None = None
     begin = time.perf_counter()
-    if method == "constant velocity":
+    if method == "constant-velocity":
         states = straight(case, observe(case, observation, std, sequence, steps))
     else:
         warm_up(choice, observation, parameters)
@@ -180,7 +180,7 @@ def run_sequence(
     }
     if found is not None:
         row["solved"] = int(found.status) == Status.SOLVED
-    if found is not None and method == "foresight":
+    if found is not None and method == "infer-gamma":
         flags = dict(zip(found.names, found.determined, strict=True))
         row["gamma"] = found.gamma.tolist()
         row["gamma_low"], row["gamma_high"] = (side.tolist() for side in found.gamma_interval.T)
@@ -267,7 +267,7 @@ def predict(case: Case, known: int, parameters: str) -> list[Prediction]:
     predictions = []
     for method in METHODS:
         states, gamma, solved = even, None, True
-        if method != "constant velocity":
+        if method != "constant-velocity":
             found = fit(case, "full", 0.0, 0, method, parameters, known)
             solved = int(found.status) == Status.SOLVED
             if solved:

@@ -27,7 +27,7 @@ LEAST_LEAD_STEPS = 1
 predictions of the encounter."""
 LEAST_COMPARED = 4
 """Steps after the prediction starts in which both are still there."""
-PREDICTORS = ("foresight", "farsighted", "constant-velocity")
+PREDICTORS = ("encounter-game", "encounter-game-gamma-1", "constant-velocity")
 
 
 @dataclass(frozen=True, eq=False)

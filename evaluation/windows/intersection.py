@@ -21,7 +21,7 @@ from foresight_env.scenarios.aachen import AACHEN_REGION, AACHEN_ROTATION
 from foresight_env.scenarios.intersection import Region, intersection_game
 from foresight_env.scenarios.junction import JUNCTION_REGION, LANES, PENALTY, WHEELBASE
 
-Place = Literal["auto", "aachen", "open"]
+Site = Literal["auto", "aachen", "open"]
 LEAST_STEPS = 8
 NEARBY = 20.0
 """How far outside the published region tracks at Aachen may lead, m."""
@@ -38,7 +38,7 @@ class Choice:
     frames: tuple[int, int] | None = None
     every: int = 6
     recording: str | None = None
-    place: Place = "auto"
+    place: Site = "auto"
     """`"aachen"`: turned as published, with corners, road sides and lanes; `"open"`: as recorded,
     no region, lanes from the tracks; `"auto"`: the first for inD recordings that lie there."""
     wheelbase: float = WHEELBASE
@@ -52,7 +52,7 @@ class Case(NamedTuple):
     kinds: tuple[str, ...]
     dt: float
     states: Float[np.ndarray, "K N 4"]
-    """`[px, py, vx, vy]` of pedestrians and bicycles, `[px, py, v, psi]` of vehicles; NaN where missing."""
+    """`[px, py, vx, vy]` of people, `[px, py, v, psi]` of vehicles; NaN where missing."""
     present: Bool[np.ndarray, "K N"]
     at_aachen: bool
     wheelbase: float

@@ -7,8 +7,9 @@ from gymnasium.envs.registration import registry
 from pettingzoo.env_registry.registration import aec_registry, parallel_registry
 from pettingzoo.env_registry.registration import register as register_pettingzoo
 
-SCENARIOS = ("crosswalk", "intersection", "driving")
-"""Each has a module `<name>.env` with a class `<Name>Env`, and a module `<name>_v0`."""
+from foresight_env.names import SCENARIOS
+
+# Each scenario has a module `<name>.env` with a class `<Name>Env`, and a module `<name>_v0`.
 
 VECTOR = {"crosswalk": "foresight_env.envs.crosswalk.vector:CrosswalkVectorEnv"}
 """What `gymnasium.make_vec(..., vectorization_mode="vector_entry_point")` makes."""

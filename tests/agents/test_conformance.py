@@ -12,7 +12,7 @@ from agents.predictors.kinematic import ConstantVelocityPredictor
 from agents.registry import CROSSWALK_EGOS
 from foresight_env.envs.crosswalk_v0 import parallel_env
 
-PLAYING = ("foresight", "farsighted", "kkt-residual", "particle-filter")
+PLAYING = ("encounter-game", "encounter-game-gamma-1", "kkt-residual", "particle-filter")
 """Predictors that compile a game for each set of classes and each horizon."""
 FEW = ("two pedestrians", "a single observation", "unseen at the end")
 

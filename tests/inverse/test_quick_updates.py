@@ -158,6 +158,6 @@ def test_what_no_game_explains_is_looked_for_afresh_once():
 def test_egos_hurry_where_games_take_long(players, quick):
     env = crosswalk_v0.parallel_env(players)
     env.reset(seed=0)
-    ego = make_ego("foresight")
+    ego = make_ego("infer-gamma")
     assert ego.init(env.scene, 0).estimator.quick == quick
     assert replace(ego, quick=not quick).init(env.scene, 0).estimator.quick != quick

@@ -19,7 +19,7 @@ def estimation_rows():
 def episode_rows():
     """Two egos, three seeds; the second is 1 s slower and breaks once."""
     rows = []
-    for ego, late in (("foresight", 0.0), ("farsighted", 1.0)):
+    for ego, late in (("infer-gamma", 0.0), ("assume-gamma-1", 1.0)):
         for seed in range(3):
             row = {"ego": ego, "seed": seed, "error": ""}
             row |= {"collision": False, "goal_reached": True, "time_out": False}
@@ -30,6 +30,6 @@ def episode_rows():
             }
             row |= {"failed_plans": 1, "failed_fits": 2, "latencies": [30.0, 40.0, 10.0, 20.0]}
             rows.append(row)
-    rows[-1] = {**dict.fromkeys(rows[-1]), "ego": "farsighted", "seed": 2, "error": "broke"}
+    rows[-1] = {**dict.fromkeys(rows[-1]), "ego": "assume-gamma-1", "seed": 2, "error": "broke"}
     rows[1] |= {"goal_reached": False, "time_out": True}
     return rows

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from agents import Foresight, make_ego
+from agents import InferGamma, make_ego
 from foresight_env.envs.crosswalk_v0 import parallel_env
 
 HORIZON = 10
@@ -20,7 +20,7 @@ def crossing(**arguments):
 def ego(name):
     """A registered ego with a small window where it has one."""
     made = make_ego(name)
-    return replace(made, window=WINDOW, ahead=AHEAD) if isinstance(made, Foresight) else made
+    return replace(made, window=WINDOW, ahead=AHEAD) if isinstance(made, InferGamma) else made
 
 
 def drive(policies, seed=0, poison=None, **arguments):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from copy import deepcopy
 from dataclasses import dataclass, field
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from gymnasium.error import ResetNeeded
@@ -13,8 +13,7 @@ from jaxtyping import Array, Float
 
 from foresight_env.games import Game, ObservationModel, full_state, positions
 from foresight_env.games.types import States
-
-Observation = Literal["full", "positions"]
+from foresight_env.names import Observation
 
 
 class Own(NamedTuple):

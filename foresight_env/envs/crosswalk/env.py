@@ -81,9 +81,9 @@ from foresight_env.annotations import no_type_check
 from foresight_env.envs.core import checks
 from foresight_env.envs.core.behaviours import BehaviourFactory
 from foresight_env.envs.core.parallel import WorldParallelEnv
-from foresight_env.envs.core.scene import Observation
 from foresight_env.envs.core.single import SingleAgentEnv, single_metadata
 from foresight_env.envs.crosswalk.world import crosswalk_world
+from foresight_env.names import Behaviour, Observation
 from foresight_env.scenarios.crosswalk import DT, HORIZON, Proximity, Ranges
 
 
@@ -102,7 +102,7 @@ class CrosswalkParallelEnv(WorldParallelEnv):
         self,
         players: int = 2,
         controlled: tuple[int, ...] | Literal["all"] | None = (0,),
-        behaviour: Literal["receding", "open_loop"] | BehaviourFactory = "receding",
+        behaviour: Behaviour | BehaviourFactory = "receding",
         observation: Observation = "full",
         noise_std: float = 0.05,
         proximity: Proximity = "soft",

@@ -13,7 +13,7 @@ Nothing is checked and nothing restarts by itself: `CrosswalkVectorEnv` does bot
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -22,11 +22,11 @@ from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from foresight_env.envs.core.behaviours import NOTHING_SOLVED
 from foresight_env.envs.core.motion import FIRST_STAGE
-from foresight_env.envs.core.scene import Observation
 from foresight_env.envs.crosswalk.world import GOAL_RADIUS, POSITION_LIMIT, VELOCITY_LIMIT
 from foresight_env.equilibrium import Solution, Status, shift, solve
 from foresight_env.games import Game, stage_cost
 from foresight_env.games.types import AnyArray
+from foresight_env.names import Behaviour, Observation
 from foresight_env.scenarios.crosswalk import (
     COLLISION_DISTANCE,
     CONTROL_LIMIT,
@@ -50,7 +50,7 @@ class CrosswalkSetting:
     """Arguments of the environment, as on its page."""
 
     players: int = 2
-    behaviour: Literal["receding", "open_loop"] = "receding"
+    behaviour: Behaviour = "receding"
     observation: Observation = "full"
     noise_std: float = 0.05
     proximity: Proximity = "soft"

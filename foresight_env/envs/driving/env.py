@@ -99,16 +99,15 @@ from foresight_env.annotations import no_type_check
 from foresight_env.envs.core import checks
 from foresight_env.envs.core.behaviours import BEHAVIOURS, BehaviourFactory
 from foresight_env.envs.core.parallel import WorldParallelEnv
-from foresight_env.envs.core.scene import Observation
 from foresight_env.envs.core.single import SingleAgentEnv, single_metadata
 from foresight_env.envs.driving.drivers import IdmDrivers, MixedDrivers
 from foresight_env.envs.driving.world import driving_world
 from foresight_env.highway.ranges import DrivingRanges
 from foresight_env.highway.scenes import LEAST_CARS, MOST_CARS, SCENES, DrivingScene
+from foresight_env.names import DrivingBehaviour, Observation, SceneName
 from foresight_env.scenarios.driving import HORIZON
 
-Driver = Literal["receding", "open_loop", "idm"] | BehaviourFactory
-SceneName = Literal["left_turn", "merge", "lane_change", "roundabout"]
+Driver = DrivingBehaviour | BehaviourFactory
 
 
 class DrivingParallelEnv(WorldParallelEnv):

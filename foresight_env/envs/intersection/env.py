@@ -92,9 +92,9 @@ from foresight_env.annotations import no_type_check
 from foresight_env.envs.core import checks
 from foresight_env.envs.core.behaviours import BehaviourFactory
 from foresight_env.envs.core.parallel import WorldParallelEnv
-from foresight_env.envs.core.scene import Observation
 from foresight_env.envs.core.single import SingleAgentEnv, single_metadata
 from foresight_env.envs.intersection.world import intersection_world
+from foresight_env.names import Behaviour, Observation
 from foresight_env.scenarios.intersection import DT
 from foresight_env.scenarios.junction import HORIZON, MOST, JunctionRanges
 
@@ -118,7 +118,7 @@ class IntersectionParallelEnv(WorldParallelEnv):
         pedestrians: int = PEDESTRIANS,
         cars: int = CARS,
         controlled: tuple[int, ...] | Literal["first car", "all"] | None = "first car",
-        behaviour: Literal["receding", "open_loop"] | BehaviourFactory = "receding",
+        behaviour: Behaviour | BehaviourFactory = "receding",
         observation: Observation = "full",
         noise_std: float = 0.05,
         ranges: JunctionRanges = JunctionRanges(),

@@ -62,7 +62,9 @@ def watched(policy, seen):
     return decisions
 
 
-@pytest.mark.parametrize("name", ["constant-velocity", "kalman+plan", "foresight", "cloned", "ppo"])
+@pytest.mark.parametrize(
+    "name", ["constant-velocity", "kalman+plan", "infer-gamma", "cloned", "ppo"]
+)
 def test_somebody_is_out_of_sight(name):
     """Beyond all that is remembered, seen late, or never."""
     assert not any(d.failed for d in watched(ego(name), {0, 1}))
@@ -98,10 +100,10 @@ def test_it_drives(name):
     assert set(last.predicted) == {1}
     told = {
         "oracle": {1: (truth["gamma"][1], 0.0)},
-        "farsighted": {1: (1.0, 0.0)},
+        "assume-gamma-1": {1: (1.0, 0.0)},
         "constant-velocity": {},
     }
-    if name == "foresight":
+    if name == "infer-gamma":
         assert last.gammas[1][1] > 0.0
         assert last.gammas[1] != decisions[2][EGO].gammas[1]
     else:

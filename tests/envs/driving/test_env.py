@@ -9,7 +9,7 @@ from highway_env.road.road import Road
 from highway_env.vehicle.behavior import IDMVehicle
 from highway_env.vehicle.kinematics import Vehicle
 
-from agents import Foresight, make_ego
+from agents import InferGamma, make_ego
 from foresight_env.envs import driving_v0
 from foresight_env.envs.core.motion import advance
 from foresight_env.envs.driving.drivers import IdmDrivers, RecordedDrivers
@@ -158,7 +158,7 @@ def test_egos_drive(ego):
 def test_what_the_foresight_ego_believes_of_others():
     """From the first observation on: the way along the road, the speed it has, its own weights."""
     env = driving_v0.parallel_env(noise_std=0.0, **SHORT)
-    policy = Foresight()
+    policy = InferGamma()
     observations, infos = env.reset(seed=3)
     memory = policy.init(env.scene, "car_0")
     memory = policy.update(memory, observations["car_0"], infos["car_0"])
@@ -176,7 +176,7 @@ def test_what_the_foresight_ego_believes_of_others():
     assert [f.theta for f in memory.estimator.free] == [(), ("target_speed",)]
     assert memory.estimator.prior.theta_deviation == env.scene.belief.deviation
     surer = (("target_speed", 0.5),)
-    stated = Foresight(prior=Prior(theta_deviation=surer)).init(env.scene, "car_0")
+    stated = InferGamma(prior=Prior(theta_deviation=surer)).init(env.scene, "car_0")
     assert stated.estimator.prior.theta_deviation == surer
 
 

@@ -197,9 +197,9 @@ def test_egos_named_twice_count_once(tmp_path, monkeypatch):
     monkeypatch.setattr(
         "evaluation.cli.demonstration.evaluate_crosswalk", lambda *a: asked.append(a)
     )
-    result = call("evaluate", "crosswalk", "--egos", "oracle, farsighted,oracle")
+    result = call("evaluate", "crosswalk", "--egos", "oracle, assume-gamma-1,oracle")
     assert result.exit_code == 0, result.output
-    assert asked[0][4] == ("oracle", "farsighted")
+    assert asked[0][4] == ("oracle", "assume-gamma-1")
 
 
 def test_the_command_alone_shows_its_help(monkeypatch, capsys):
@@ -262,7 +262,7 @@ def test_an_interruption(tmp_path, monkeypatch, sample):
 def test_estimate(sample, tmp_path):
     result = call("estimate", sample, "--ids", "ped:0,ped:1", "--out", tmp_path / "out")
     assert result.exit_code == 0, result.output
-    for word in ("gamma inferred", "gamma = 1", "constant velocity", "ped:1"):
+    for word in ("gamma inferred", "gamma = 1", "constant-velocity", "ped:1"):
         assert word in result.stdout
     (picture,) = (tmp_path / "out").iterdir()
     assert picture.suffix == ".png"

@@ -176,7 +176,7 @@ def test_studies_can_be_extended(tmp_path, monkeypatch):
         return {"x": 1}
 
     monkeypatch.setattr(closed_loop, "run_episode", episode)
-    for egos, seeds in ((("oracle",), 2), (("oracle", "foresight"), 3), (("foresight",), 1)):
+    for egos, seeds in ((("oracle",), 2), (("oracle", "infer-gamma"), 3), (("infer-gamma",), 1)):
         rows = closed_loop.study(tmp_path / "loop", egos, range(seeds), workers=0)
         assert {(r["ego"], r["seed"]) for r in rows} == {(e, s) for e in egos for s in range(seeds)}
     assert len(asked) == len(set(asked)) == 6

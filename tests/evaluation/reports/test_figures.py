@@ -29,20 +29,20 @@ def test_error_against_noise(tmp_path):
 def test_closed_loop_figure(tmp_path):
     rows = episode_rows()
     path = tmp_path / "new" / "loop.png"
-    check(figures.closed_loop_summary(rows, ("foresight", "farsighted"), path), 9.0, 3.6)
+    check(figures.closed_loop_summary(rows, ("infer-gamma", "assume-gamma-1"), path), 9.0, 3.6)
 
 
 def test_closed_loop_numbers_by_hand():
     rows = episode_rows()
-    found = summarise(rows, "foresight")
+    found = summarise(rows, "infer-gamma")
     assert (found.episodes, found.errors, found.reached, found.time_outs) == (3, 0, 2, 1)
     assert found.time_to_goal.mean == pytest.approx((3.0 + 10.0 + 5.0) / 3.0)
     assert found.smallest_distance == pytest.approx(0.3)
     assert found.latency_median == 25.0
     assert (found.failed_plans, found.failed_fits) == (3, 6)
-    other = summarise(rows, "farsighted")
+    other = summarise(rows, "assume-gamma-1")
     assert (other.episodes, other.errors, other.reached) == (3, 1, 2)
-    difference = paired_difference(rows, "foresight", "farsighted", "time")
+    difference = paired_difference(rows, "infer-gamma", "assume-gamma-1", "time")
     assert difference == (-1.0, -1.0, -1.0)
     with pytest.raises(ValueError, match="ego oracle: no episode finished: no rows"):
         summarise(rows, "oracle")

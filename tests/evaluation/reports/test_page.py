@@ -109,7 +109,7 @@ def test_the_paper_s_numbers_stand_beside_the_rows_own(results, tmp_path):
     rows = estimation_rows()
     expected = [
         np.mean([r["error_squared"] for r in rows if (r["observation"], r["method"]) == key])
-        for key in (("full", "farsighted"), ("full", "foresight"))
+        for key in (("full", "assume-gamma-1"), ("full", "infer-gamma"))
     ]
     for name, reference, value in zip(
         ("gamma = 1", "gamma inferred"), ("0.608", "0.176"), expected, strict=True
@@ -124,7 +124,7 @@ def intersection_rows():
     return [
         {"observation": o, "std": std, "method": m, "error": "", "error_squared": value}
         for o, base in (("full", 1.0), ("positions", 3.0))
-        for m, value in (("foresight", base), ("farsighted", base + 1.0))
+        for m, value in (("infer-gamma", base), ("assume-gamma-1", base + 1.0))
         for std in (0.0, 0.1)
     ]
 
@@ -132,7 +132,7 @@ def intersection_rows():
 def driving_rows():
     return [
         {
-            "scene": "left_turn", "others": others, "ego": "foresight", "error": "",
+            "scene": "left_turn", "others": others, "ego": "infer-gamma", "error": "",
             "ended": REACHED if seed else COLLISION, "min_distance": 6.5 + seed,
         }
         for others in ("receding", "idm")
@@ -164,7 +164,7 @@ def test_numbers_that_the_paper_states(study, rows, expected):
 
 def test_episodes_are_played_again(tmp_path):
     """The replay is the row's episode, and what the page holds of it is JSON."""
-    rows = closed_loop.study(tmp_path / "loop", ("foresight",), range(1), workers=0)
+    rows = closed_loop.study(tmp_path / "loop", ("infer-gamma",), range(1), workers=0)
     text = page_of(write_report(tmp_path, episodes=1))
     (data,) = json.loads(re.search(r"const replays = (.*);\n", text)[1])
     assert len(data["steps"]) == len(rows[0]["latencies"])
@@ -240,7 +240,7 @@ def test_pictures_beside_the_rows_are_told(results):
     assert (results / "figures" / "b_rows_heatmap.pdf").exists()
 
 
-def loop_rows(settings, ego="foresight", **more):
+def loop_rows(settings, ego="infer-gamma", **more):
     return [{**row, "ego": ego, "settings": settings, **more} for row in episode_rows()[:2]]
 
 
@@ -251,10 +251,10 @@ def loop_results(rows):
 
 def test_one_setting_of_an_agent_is_told():
     """The present one; where no row has it, or nobody knows it, the last that was stored."""
-    now = fingerprint(make_ego("foresight"))
+    now = fingerprint(make_ego("infer-gamma"))
     told, left_out = present(loop_results([*loop_rows(now), *loop_rows("old")]))
     assert ({r["settings"] for r in told.rows}, left_out) == ({now}, 2)
-    for name in ("foresight", "nobody_s:Ego"):
+    for name in ("infer-gamma", "nobody_s:Ego"):
         rows = [*loop_rows("old", name), *loop_rows("later", name), *loop_rows("s", "oracle")]
         told, left_out = present(loop_results(rows))
         assert [r["settings"] for r in told.rows] == ["later", "later", "s", "s"]

@@ -65,7 +65,8 @@ def forecasts(gamma, deviation, determined):
     known = [np.array(values) for values in (gamma, deviation, determined)]
     inferred = Forecast(path, np.ones(1), None, *known)
     return [
-        Judged(name, inferred if name == "foresight" else plain, 0.25, 0.5) for name in PREDICTORS
+        Judged(name, inferred if name == "encounter-game" else plain, 0.25, 0.5)
+        for name in PREDICTORS
     ]
 
 
@@ -84,7 +85,7 @@ def test_output_to_a_file_is_not_cut(monkeypatch, capsys):
 
 def test_units_are_shown():
     rows = episode_rows()
-    summaries = [summarise(rows, ego) for ego in ("foresight", "farsighted")]
+    summaries = [summarise(rows, ego) for ego in ("infer-gamma", "assume-gamma-1")]
     text = shown(tables.print_closed_loop, summaries, rows)
     for unit in ("min distance [m]", "time to goal [s]", "decision p50 [ms]"):
         assert unit in text
@@ -144,6 +145,6 @@ def test_a_picture_of_an_encounter_shows_enough(tmp_path, monkeypatch, span):
     (axes,) = saved[0].axes
     for low, high in (axes.get_xlim(), axes.get_ylim()):
         assert high - low >= 4.0
-    lines = [line for line in axes.lines if line.get_color() == naming.colour_of("farsighted")]
+    lines = [line for line in axes.lines if line.get_color() == naming.colour_of("assume-gamma-1")]
     ends = [np.flatnonzero(~np.isnan(line.get_xdata()))[-1] for line in lines]
     assert ends == [10, 7]  # predictions end where the recording does

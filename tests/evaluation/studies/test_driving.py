@@ -31,9 +31,9 @@ def row(ego, seed, ended, time, gap, **others):
 
 
 ROWS = [
-    row("foresight", 0, REACHED, 5.0, 2.0),
-    row("foresight", 1, TIME_OUT, 8.0, 1.0),
-    row("foresight", 2, COLLISION, 3.0, -0.5, at_fault=True),
+    row("infer-gamma", 0, REACHED, 5.0, 2.0),
+    row("infer-gamma", 1, TIME_OUT, 8.0, 1.0),
+    row("infer-gamma", 2, COLLISION, 3.0, -0.5, at_fault=True),
     row("idm", 0, COLLISION, 2.0, -1.0),
     row("idm", 1, REACHED, 6.0, 3.0),
     {"scene": "merge", "others": "idm", "ego": "idm", "seed": 2, "error": "ValueError: no"},
@@ -41,7 +41,7 @@ ROWS = [
 
 
 def test_a_summary_by_hand():
-    found = summarise(ROWS, "merge", "idm", "foresight")
+    found = summarise(ROWS, "merge", "idm", "infer-gamma")
     assert found.episodes == 3
     assert (found.ends[COLLISION], found.ends[REACHED], found.ends[TIME_OUT]) == (1, 1, 1)
     assert found.faults == 1
@@ -56,12 +56,12 @@ def test_a_summary_by_hand():
 
 
 def test_pairs_are_seeds_that_both_finished():
-    found = paired(ROWS, "merge", "idm", "foresight", "idm")
+    found = paired(ROWS, "merge", "idm", "infer-gamma", "idm")
     assert found.seeds == 2
     assert found.gap.mean == pytest.approx(((2.0 + 1.0) + (1.0 - 3.0)) / 2.0)
     assert found.time.mean == pytest.approx(((5.0 - 8.0) + (8.0 - 6.0)) / 2.0)
     assert found.collisions == -1
-    assert paired(ROWS, "merge", "idm", "foresight", "oracle") is None
+    assert paired(ROWS, "merge", "idm", "infer-gamma", "oracle") is None
 
 
 def test_harm_counts_before_success():

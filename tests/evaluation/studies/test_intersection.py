@@ -138,9 +138,9 @@ def test_a_small_study(folder, tmp_path, monkeypatch):
     assert [r["method"] for r in rows] == sorted(METHODS)  # one noise-free sequence of each
     assert all(r["solved"] and not r["error"] for r in rows)
     errors = {r["method"]: r["error_squared"] for r in rows}
-    assert errors["foresight"] < errors["farsighted"]
-    assert errors["foresight"] < errors["constant velocity"]
-    inferred = next(r for r in rows if r["method"] == "foresight")
+    assert errors["infer-gamma"] < errors["assume-gamma-1"]
+    assert errors["infer-gamma"] < errors["constant-velocity"]
+    inferred = next(r for r in rows if r["method"] == "infer-gamma")
     assert len(inferred["gamma"]) == 2
     assert all(
         low <= g <= high
@@ -164,7 +164,7 @@ def test_a_small_study(folder, tmp_path, monkeypatch):
     print_gammas(console, rows)
     print_predictions(console, case, 5, predictions)
     told = console.export_text()
-    for word in ("gamma inferred", "constant velocity", "pedestrian", "Seen 5 steps"):
+    for word in ("gamma inferred", "constant-velocity", "pedestrian", "Seen 5 steps"):
         assert word in told
     for path in (
         error_over_noise(rows, tmp_path / "errors.png"),

@@ -64,7 +64,7 @@ def test_forecasts(sample, predictor, number):
     gamma = found.forecast.gamma
     assert (gamma is None) == (predictor == "constant-velocity")
     if gamma is not None:
-        assert (gamma == 1.0).all() == (predictor == "farsighted")
+        assert (gamma == 1.0).all() == (predictor == "encounter-game-gamma-1")
 
 
 def test_wrong_requests(sample, tmp_path):

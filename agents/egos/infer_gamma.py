@@ -1,4 +1,4 @@
-"""The foresight ego: infers the others' goals and discount factors on its way, and plans with them.
+"""The ego `infer-gamma`: infers the others' goals and discount factors, and plans with them.
 
 With `infer_gamma=False` it is the baseline that takes everybody for farsighted (gamma = 1): the
 same estimator, observations and planner, one assumption more.
@@ -26,7 +26,7 @@ AHEAD_PART = 0.6
 """Of the planning horizon, how much the estimated game looks ahead."""
 
 
-class ForesightMemory(NamedTuple):
+class InferGammaMemory(NamedTuple):
     """Estimator, what it knows, and the last plan."""
 
     scene: Scene
@@ -43,10 +43,10 @@ class ForesightMemory(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Foresight:
+class InferGamma:
     """Estimate, then play the equilibrium of the estimated game."""
 
-    name: str = "foresight"
+    name: str = "infer-gamma"
     infer_gamma: bool = True
     window: int = 10
     """Observations that each estimate uses."""
@@ -61,7 +61,7 @@ class Foresight:
     prior: Prior = Prior(gamma_weight=4.0, gamma_center=1.0)
     """Discount factors 1 +- 0.5: a weak belief. Where it is silent on `theta`, the scene is not."""
 
-    def init(self, scene: Scene, agent: str | int) -> ForesightMemory:
+    def init(self, scene: Scene, agent: str | int) -> InferGammaMemory:
         """See `EgoPolicy`."""
         ego = scene.index(agent)
         free = tuple(
@@ -85,14 +85,14 @@ class Foresight:
             quick=quick,
         )
         early = constant_velocity().init(scene, agent)
-        return ForesightMemory(scene, ego, estimator, None, None, early)
+        return InferGammaMemory(scene, ego, estimator, None, None, early)
 
     def update(
         self,
-        memory: ForesightMemory,
+        memory: InferGammaMemory,
         observation: Float[np.ndarray, "size"],
         info: Mapping[str, Any],
-    ) -> ForesightMemory:
+    ) -> InferGammaMemory:
         """See `EgoPolicy`."""
         seen = np.asarray(observation[:-2], dtype=float)
         scene, state = memory.scene, memory.state
@@ -144,7 +144,7 @@ class Foresight:
             found.append(scene.belief.guess(own.theta, track, state))
         return found
 
-    def act(self, memory: ForesightMemory) -> tuple[Decision, ForesightMemory]:
+    def act(self, memory: InferGammaMemory) -> tuple[Decision, InferGammaMemory]:
         """See `EgoPolicy`."""
         scene, ego, state = memory.scene, memory.ego, memory.state
         if state is None or state.estimate is None or state.present is None:
@@ -189,6 +189,6 @@ def _future(scene: Scene, state: OnlineState, found: Estimate) -> list[Float[np.
     ]
 
 
-def farsighted() -> Foresight:
+def assume_gamma_1() -> InferGamma:
     """The gamma = 1 baseline."""
-    return Foresight("farsighted", infer_gamma=False)
+    return InferGamma("assume-gamma-1", infer_gamma=False)
