@@ -47,7 +47,7 @@ def reference_error() -> float:
         game,
         true,
         observation_model("full"),
-        initial_state=setting.initial_states,
+        initial_state=setting.initial_state,
         theta=setting.theta,
         gamma=1.0,
         free=Free(("goal",), False, False),

@@ -23,7 +23,7 @@ def compile_solve(proximity: Proximity, horizon: int) -> float:
     game, setting = crosswalk_game(2, horizon, proximity), MONTE_CARLO
 
     def once() -> None:
-        solve(game, setting.initial_states, setting.theta, setting.gamma)
+        solve(game, setting.initial_state, setting.theta, setting.gamma)
 
     return seconds_of(once) - seconds_of(once)
 

@@ -13,13 +13,13 @@ from jaxtyping import Array, Float
 from benchmarks.report import Result, Row, Setting
 from benchmarks.stress import Drawn, Family, families
 from benchmarks.timing import Yardstick, median_seconds
-from foresight_env.equilibrium import WEAK_COMPLEMENTARITY, Options, Solution, Status, solve
+from foresight_env.equilibrium import WEAK_COMPLEMENTARITY, Solution, SolverOptions, Status, solve
 from foresight_env.games import Game
 from foresight_env.scenarios.crosswalk import MONTE_CARLO, crosswalk_game
 
 STEP = 1e-6
 """Of the central differences."""
-TIGHT = Options(tolerance=1e-11)
+TIGHT = SolverOptions(tolerance=1e-11)
 ACCURATE = 1e-5
 """Largest error, relative to the largest rate, at which a derivative counts as right."""
 
@@ -27,7 +27,7 @@ ACCURATE = 1e-5
 class Ray(NamedTuple):
     """A game's parameters and a direction to move them in."""
 
-    x0: Any
+    initial_state: Any
     theta: Any
     gamma: Any
     direction: Any
@@ -65,7 +65,7 @@ def difference(game: Game, along: Ray, found: Solution) -> Float[np.ndarray, "r"
     """The central difference; None where a neighbour is not solved."""
     ends = []
     for step in (STEP, -STEP):
-        near = solve(game, *along.at(step), guess=found, options=TIGHT)
+        near = solve(game, *along.at(step), initial_guess=found, options=TIGHT)
         if int(near.status) != Status.SOLVED:
             return None
         ends.append(trajectory(near))
@@ -108,7 +108,7 @@ def costs() -> list[Row]:
     """Seconds of derivatives beside those of the solve alone, crosswalk, T = 25."""
     game, setting = crosswalk_game(2, 25), MONTE_CARLO
     with jax.enable_x64(True):
-        states = jnp.asarray(setting.initial_states)
+        states = jnp.asarray(setting.initial_state)
         goals, gamma = jnp.asarray(setting.goals), jnp.asarray(setting.gamma)
         point = jnp.concatenate([states.ravel(), goals.ravel(), gamma])
 
@@ -117,7 +117,7 @@ def costs() -> list[Row]:
             return trajectory(solve(game, v[:8].reshape(2, 4), theta, v[12:]))
 
         one = jnp.ones_like(point)
-        iterations = int(solve(game, setting.initial_states, setting.theta, gamma).iterations)
+        iterations = int(solve(game, setting.initial_state, setting.theta, gamma).iterations)
         programs = {
             "the solve alone": jax.jit(moved),
             "and one forward derivative": jax.jit(lambda v: jax.jvp(moved, (v,), (one,))),
@@ -153,7 +153,7 @@ def run(setting: Setting) -> list[Result]:
                 rows.append(row(family, size, count))
     note = (
         "The stress set's games, tolerance 1e-11; rates of all states and controls along a random "
-        f"direction of x0, theta and gamma, against central differences (step {STEP:g}), relative "
+        f"direction of initial_state, theta and gamma, against central differences (step {STEP:g}), relative "
         "to the largest rate. Flagged: `margin` below "
         f"{WEAK_COMPLEMENTARITY:g}, where the derivative is that of the smoothed problem and "
         "differences straddle a change of the active set."

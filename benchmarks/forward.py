@@ -32,7 +32,7 @@ def draw(count: int, least_gamma: float) -> list[Drawn]:
     random = np.random.default_rng(0)
     games = []
     for _ in range(count):
-        states = MONTE_CARLO.initial_states.copy()
+        states = MONTE_CARLO.initial_state.copy()
         states[:, :2] += random.uniform(-0.1, 0.1, (2, 2))
         games.append(Drawn(states, random.uniform(least_gamma, 1.0, 2)))
     return games
@@ -66,11 +66,11 @@ def measure(game: Game, drawn: Drawn, theta: Any, repeats: int) -> Measured:
     seconds = median_seconds(cold, repeats)
     if not is_solved(found):
         return Measured(False, False, int(found.iterations), 0, seconds, np.nan, False)
-    guess = shift(found)
+    initial_guess = shift(found)
     following = inside_bounds(game, [np.asarray(s[1]) for s in found.states])
 
     def warm() -> Solution:
-        return solve(game, following, theta, gamma, guess=guess)
+        return solve(game, following, theta, gamma, initial_guess=initial_guess)
 
     again = warm()
     return Measured(
@@ -90,7 +90,7 @@ def row(
     """One line of the table; `compiled` is measured elsewhere (None: not measured)."""
     game = crosswalk_game(2, horizon, proximity)
     drawn = draw(games, least_gamma)
-    measure(game, Drawn(MONTE_CARLO.initial_states, MONTE_CARLO.gamma), MONTE_CARLO.theta, 1)
+    measure(game, Drawn(MONTE_CARLO.initial_state, MONTE_CARLO.gamma), MONTE_CARLO.theta, 1)
     yardstick = Yardstick.measure()
     each = [measure(game, d, MONTE_CARLO.theta, 3) for d in drawn]
     good = [m for m in each if m.solved]

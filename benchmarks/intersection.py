@@ -31,7 +31,7 @@ def draw(
     random: np.random.Generator, kinds: tuple[str, ...]
 ) -> tuple[np.ndarray, list[dict[str, Any]], np.ndarray]:
     """States, parameters and discount factors of one game."""
-    states = AACHEN.initial_states.copy()
+    states = AACHEN.initial_state.copy()
     for i, kind in enumerate(kinds):
         if kind != AACHEN.kinds[i]:
             states[i] = driving_state(states[i])
@@ -58,9 +58,9 @@ def row(name: str, kinds: tuple[str, ...], games: int) -> Row:
         if statuses[-1] != Status.SOLVED:
             continue
         found.append(bool(verify(game, solution, theta, gamma).is_local_equilibrium))
-        guess = shift(solution)
+        initial_guess = shift(solution)
         following = inside_bounds(game, [np.asarray(s[1]) for s in solution.states])
-        again = partial(solve, game, following, theta, gamma, guess=guess)
+        again = partial(solve, game, following, theta, gamma, initial_guess=initial_guess)
         warm.append(median_seconds(again, 3))
     median = float(np.median(cold))
     return {

@@ -18,7 +18,7 @@ from foresight_env.inverse import (
     MultiStart,
     Prior,
     estimate,
-    guess_initial_states,
+    guess_initial_state,
 )
 from foresight_env.scenarios.crosswalk import crosswalk_game, player_theta
 
@@ -47,7 +47,7 @@ def algorithm_1(
         game,
         seen,
         model,
-        initial_state=guess_initial_states(game, model, seen),
+        initial_state=guess_initial_state(game, model, seen),
         theta=[player_theta(seen[-1, i * half : i * half + 2]) for i in range(2)],
         gamma=gamma,
         free=FREE["infer-gamma"],

@@ -19,7 +19,7 @@ from scipy.sparse.linalg import splu
 
 from benchmarks.report import Result, Row, Setting
 from benchmarks.timing import Yardstick, median_seconds
-from foresight_env.equilibrium import Options
+from foresight_env.equilibrium import SolverOptions
 from foresight_env.equilibrium.checks.validation import check_parameters
 from foresight_env.equilibrium.conditions.layout import layout_of
 from foresight_env.equilibrium.conditions.pairs import pairs_of
@@ -44,10 +44,10 @@ class Problem:
 
     def __init__(self, players: int, horizon: int) -> None:
         game, setting = crosswalk_game(players, horizon), nominal_setting(players)
-        layout, options = layout_of(game), Options()
+        layout, options = layout_of(game), SolverOptions()
         parameters = jax.tree.map(
             jnp.asarray,
-            check_parameters(game, setting.initial_states, setting.theta, setting.gamma),
+            check_parameters(game, setting.initial_state, setting.theta, setting.gamma),
         )
         pairs, point = pairs_of(layout), begin(layout, options, parameters, None).point
         ev = evaluate(layout, pairs, point, parameters, jnp.ones(()), options.barrier)
@@ -95,7 +95,7 @@ def condensed(problem: Problem) -> Any:
     horizon, _, m = b.shape
     follow = jnp.asarray(responses(a, b, np.ones_like(rho)))
     felt = jnp.asarray(responses(a, b, rho))  # what costates carry back, transposed
-    drift = jnp.asarray(free_motion(a, np.asarray(problem.defect)))
+    process_noise = jnp.asarray(free_motion(a, np.asarray(problem.defect)))
 
     def solve(hessian: Float[Array, "T w w"]) -> Float[Array, "T m"]:
         hxx, hxu = hessian[:, :n, :n], hessian[:, :n, n:]
@@ -107,9 +107,9 @@ def condensed(problem: Problem) -> Any:
         matrix = felt.T @ pushed.reshape(horizon * n, horizon * m)
         matrix = matrix + jnp.einsum("tij,tjk->tik", hux, stages).reshape(matrix.shape)
         matrix = matrix.reshape(horizon, m, horizon, m).at[own, :, own].add(huu)
-        known = jnp.einsum("tij,tj->ti", hxx, drift) + problem.r_x
+        known = jnp.einsum("tij,tj->ti", hxx, process_noise) + problem.r_x
         rest = felt.T @ known.ravel() + problem.r_u.ravel()
-        rest = rest + jnp.einsum("tij,tj->ti", hux, drift).ravel()
+        rest = rest + jnp.einsum("tij,tj->ti", hux, process_noise).ravel()
         size = horizon * m
         return -jnp.linalg.solve(matrix.reshape(size, size), rest).reshape(horizon, m)
 

@@ -17,7 +17,7 @@ from benchmarks.stress import cars, driving_game
 from benchmarks.timing import Yardstick
 from foresight_env.equilibrium import Status, shift, solve
 from foresight_env.games import Game, full_state, positions
-from foresight_env.inverse import Free, OnlineEstimator, Prior
+from foresight_env.inverse import Free, MovingHorizonEstimator, Prior
 from foresight_env.scenarios.crosswalk import crosswalk_game, nominal_setting
 
 WINDOW = 10
@@ -56,7 +56,7 @@ class Walk(NamedTuple):
 def crossing(random: np.random.Generator) -> tuple[Any, Any, np.ndarray]:
     """Two pedestrians."""
     setting = nominal_setting(2)
-    states = setting.initial_states + np.pad(random.uniform(-0.2, 0.2, (2, 2)), ((0, 0), (0, 2)))
+    states = setting.initial_state + np.pad(random.uniform(-0.2, 0.2, (2, 2)), ((0, 0), (0, 2)))
     return states, list(setting.theta), np.array([0.95, random.uniform(0.3, 1.0)])
 
 
@@ -75,17 +75,17 @@ def cases() -> list[Case]:
     ]
 
 
-def estimator(case: Case) -> OnlineEstimator:
+def estimator(case: Case) -> MovingHorizonEstimator:
     """Player 0 knows itself and infers goals and discount factors of the others."""
     players = len(case.game.players)
-    return OnlineEstimator(
+    return MovingHorizonEstimator(
         replace(case.game, horizon=case.horizon),
         case.model,
         (Free((), False, True), *[Free(("goal",), True, True)] * (players - 1)),
         case.std**2,
         WINDOW,
         Prior(gamma_weight=4.0, theta_deviation=(("goal", 3.0),)),
-        aging=1.5,
+        forgetting_factor=1.5,
     )
 
 
@@ -99,7 +99,7 @@ def walk(
 ) -> Walk:
     """Play, look, estimate; `change` switches player 1's discount factor half-way."""
     states, theta, gamma = case.draw(random)
-    made, guess = estimator(case), None
+    made, initial_guess = estimator(case), None
     others = zip(theta[1:], states[1:], strict=True)
     guessed = [theta[0], *({**t, "goal": np.asarray(s[:2])} for t, s in others)]
     belief = made.init(guessed, np.append(gamma[0], np.full(len(gamma) - 1, 0.8)))
@@ -116,10 +116,10 @@ def walk(
         found.seconds.append(time.perf_counter() - begin)
         found.gamma.append(float(belief.gamma[1]))
         found.deviation.append(float(belief.gamma_deviation[1]))
-        played = solve(case.game, states, theta, gamma, guess=guess)
+        played = solve(case.game, states, theta, gamma, initial_guess=initial_guess)
         if int(played.status) != Status.SOLVED:
             break
-        guess, states = shift(played), [s[1] for s in played.states]
+        initial_guess, states = shift(played), [s[1] for s in played.states]
     return found._replace(failures=belief.failures)
 
 

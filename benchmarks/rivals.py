@@ -43,7 +43,7 @@ def nash_problem(game: Game, drawn: Drawn) -> Any:
 
     def trajectory(z: jax.Array) -> tuple[jax.Array, jax.Array]:
         u = jnp.moveaxis(z.reshape(players, horizon, each), 0, 1).reshape(horizon, layout.m)
-        return rollout(layout, parameters.x0, u), u
+        return rollout(layout, parameters.initial_state, u), u
 
     def cost(i: int) -> Any:
         return lambda z: player_cost(layout, i, *trajectory(z), parameters)
@@ -79,9 +79,9 @@ def rival(game: Game, drawn: Drawn) -> tuple[float, float]:
     with jax.enable_x64(True):
         problem = nash_problem(game, drawn)
         start = np.zeros(problem.nvar)
-        problem.solve(x0=start, verbose=0)
+        problem.solve(initial_state=start, verbose=0)
         begin = time.perf_counter()
-        found = problem.solve(x0=start, verbose=0)
+        found = problem.solve(initial_state=start, verbose=0)
         return time.perf_counter() - begin, float(np.max(np.abs(found.res)))
 
 

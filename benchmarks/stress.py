@@ -22,13 +22,13 @@ from foresight_env.games import (
     Game,
     Goal,
     Inequality,
-    KeepAllApart,
-    KeepApart,
     KinematicBicycle,
     Lane,
     LaneCenter,
+    MinimumDistance,
     Player,
     SharedInequality,
+    SharedMinimumDistance,
     SigmoidProximity,
     SquaredDistanceHinge,
     TargetSpeed,
@@ -47,7 +47,7 @@ class Drawn(NamedTuple):
     states: np.ndarray
     theta: Sequence[dict[str, Any]]
     gamma: np.ndarray
-    situation: str
+    episode_parameters: str
 
 
 @dataclass(frozen=True)
@@ -60,40 +60,40 @@ class Family:
     sizes: tuple[tuple[int, int], ...]
 
 
-def places(random: np.random.Generator, players: int, situation: str) -> tuple[Any, Any]:
+def places(random: np.random.Generator, players: int, episode_parameters: str) -> tuple[Any, Any]:
     """Starts and goals (N, 2) of people or cars that meet in the middle."""
     nominal = nominal_setting(players)
-    start = nominal.initial_states[:, :2] + random.uniform(-0.3, 0.3, (players, 2))
+    start = nominal.initial_state[:, :2] + random.uniform(-0.3, 0.3, (players, 2))
     goal = nominal.goals + random.uniform(-0.3, 0.3, (players, 2))
-    if situation == "head-on":
+    if episode_parameters == "head-on":
         start[:2] = [[0.0, 1.0], [2.0, 1.0 + random.uniform(-0.02, 0.02)]]
         goal[:2] = [[2.0, 1.0], [0.0, 1.0]]
-    elif situation == "inside the margin":
+    elif episode_parameters == "inside the margin":
         start[1] = start[0] + random.uniform(-0.3, 0.3, 2)
-    elif situation == "goal beyond reach":
+    elif episode_parameters == "goal beyond reach":
         goal = 10.0 * goal - 9.0
     return start, goal
 
 
 def walkers(random: np.random.Generator, players: int, k: int, *, gamma: Any = GAMMA) -> Drawn:
     """Double integrators that start at any speed within their limits."""
-    situation = SITUATIONS[k % len(SITUATIONS)]
-    start, goal = places(random, players, situation)
+    episode_parameters = SITUATIONS[k % len(SITUATIONS)]
+    start, goal = places(random, players, episode_parameters)
     states = np.concatenate([start, random.uniform(-0.8, 0.8, (players, 2))], axis=1)
     return Drawn(
-        states, [player_theta(g) for g in goal], random.uniform(*gamma, players), situation
+        states, [player_theta(g) for g in goal], random.uniform(*gamma, players), episode_parameters
     )
 
 
 def cars(random: np.random.Generator, players: int, k: int, *, scale: float = 4.0) -> Drawn:
     """Bicycles that drive towards their goals, up to 0.3 rad off."""
-    situation = SITUATIONS[k % len(SITUATIONS)]
-    start, goal = (scale * v for v in places(random, players, situation))
+    episode_parameters = SITUATIONS[k % len(SITUATIONS)]
+    start, goal = (scale * v for v in places(random, players, episode_parameters))
     heading = np.arctan2(*(goal - start).T[::-1]) + random.uniform(-0.3, 0.3, players)
     speed = random.uniform(0.5, 4.0, players)
     states = np.concatenate([start, speed[:, None], heading[:, None]], axis=1)
     theta = [{"goal": g, "speed": v} for g, v in zip(goal, speed, strict=True)]
-    return Drawn(states, theta, random.uniform(*GAMMA, players), situation)
+    return Drawn(states, theta, random.uniform(*GAMMA, players), episode_parameters)
 
 
 def walking_game(players: int, horizon: int, *, sigmoid: bool) -> Game:
@@ -123,7 +123,11 @@ def driver(*costs: Any, **more: Any) -> Player:
 
 def driving_game(players: int, horizon: int, *, hard: bool) -> Game:
     """Cars to goals: a hinge between them, or a shared constraint."""
-    shared = (SharedInequality(KeepAllApart(4.0), players * (players - 1) // 2),) if hard else ()
+    shared = (
+        (SharedInequality(SharedMinimumDistance(4.0), players * (players - 1) // 2),)
+        if hard
+        else ()
+    )
     near = () if hard else (SquaredDistanceHinge(3.0, 5.0),)
     return Game((driver(Goal(0.1), Effort(0.5), *near),) * players, horizon, shared)
 
@@ -133,7 +137,7 @@ def lane_game(players: int, horizon: int) -> Game:
     made = []
     for i in range(players):
         lane = LaneCenter(Lane((0.3 * (-1) ** i, 0.0)))
-        apart = Inequality(KeepApart(4.0), players - 1, 20.0)
+        apart = Inequality(MinimumDistance(4.0), players - 1, 20.0)
         made.append(driver(lane, TargetSpeed("speed"), Effort(0.5), inequalities=(apart,)))
     return Game(tuple(made), horizon)
 
@@ -207,7 +211,11 @@ def proven_infeasible(game: Game, drawn: Drawn) -> bool:
     (False) of later stages and of games without a shared constraint of distance.
     """
     threshold = max(
-        (s.function.threshold for s in game.shared if isinstance(s.function, KeepAllApart)),
+        (
+            s.function.threshold
+            for s in game.shared
+            if isinstance(s.function, SharedMinimumDistance)
+        ),
         default=-np.inf,
     )
     high = np.full((len(game.players), 2), np.inf)
@@ -231,11 +239,11 @@ def proven_infeasible(game: Game, drawn: Drawn) -> bool:
 
 def situation_rows(name: str, size: tuple[int, int], drawn: Sequence[Drawn], found: Solution,
                    proven: np.ndarray, verified: np.ndarray | None) -> list[Row]:  # fmt: skip
-    """One line per situation of a class of games."""
+    """One line per episode_parameters of a class of games."""
     rows: list[Row] = []
-    situations = np.array([d.situation for d in drawn])
-    for situation in dict.fromkeys(situations):
-        mine = situations == situation
+    situations = np.array([d.episode_parameters for d in drawn])
+    for episode_parameters in dict.fromkeys(situations):
+        mine = situations == episode_parameters
         status = found.status[mine]
         solved, infeasible = status == Status.SOLVED, status == Status.INFEASIBLE
         iterations = found.iterations[mine]
@@ -244,7 +252,7 @@ def situation_rows(name: str, size: tuple[int, int], drawn: Sequence[Drawn], fou
                 "game": name,
                 "N": str(size[0]),
                 "T": str(size[1]),
-                "situation": str(situation),
+                "episode_parameters": str(episode_parameters),
                 "games": str(mine.sum()),
                 "solved": f"{solved.mean():.1%}",
                 "infeasible": str(infeasible.sum()),

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from foresight_env.envs import crosswalk_v0
-from foresight_env.inverse import Free, OnlineEstimator, Prior
+from foresight_env.inverse import Free, MovingHorizonEstimator, Prior
 
 NOISE = 0.03
 
@@ -20,13 +20,13 @@ def main(seed=1, steps=25):
     observations, infos = env.reset(seed=seed)
     scene, agent = env.scene, env.agents[0]
     own = scene.own(0)
-    estimator = OnlineEstimator(
+    estimator = MovingHorizonEstimator(
         replace(scene.game, horizon=24),  # 10 observed stages, 15 predicted
         scene.observation_model(0),
         free=(Free((), gamma=False, initial_state=True), Free(("goal",), True, True)),
         covariance=NOISE**2,
         prior=Prior(gamma_weight=4.0, theta_deviation=(("goal", 3.0),)),  # gamma about 1 +- 0.5
-        aging=1.5,  # others replan, so old observations say less
+        forgetting_factor=1.5,  # others replan, so old observations say less
     )
     # First guesses: it shares our weights and wants to stay where it is.
     theta = [own.theta, {**own.theta, "goal": observations[agent][4:6]}]
@@ -43,7 +43,9 @@ def main(seed=1, steps=25):
         if not env.agents:
             break
         truth = float(infos[agent]["gamma"][1])
-    print(f"true gamma {truth:.2f}, failed updates {state.failures}, misfit {state.misfit:.1f}")
+    print(
+        f"true gamma {truth:.2f}, failed updates {state.failures}, reduced_chi_squared {state.reduced_chi_squared:.1f}"
+    )
     return state, truth
 
 

@@ -13,9 +13,9 @@ from foresight_env.games import (
     DoubleIntegrator,
     Effort,
     Game,
-    KeepAllApart,
     Player,
     SharedInequality,
+    SharedMinimumDistance,
     full_state,
 )  # fmt: skip
 from foresight_env.inverse import Free, MultiStart, estimate
@@ -37,7 +37,7 @@ def lane_change(horizon=15, dt=0.2):
     limits = Bounds.box([-6.0, -4.0], [4.0, 4.0], 2)
     costs = (Cruise(), Effort(0.1))
     car = Player(DoubleIntegrator(dt), costs, state_bounds=road, control_bounds=limits)
-    return Game((car, car), horizon, shared=(SharedInequality(KeepAllApart(4.0), 1),))
+    return Game((car, car), horizon, shared=(SharedInequality(SharedMinimumDistance(4.0), 1),))
 
 
 def draw(random):
@@ -64,8 +64,8 @@ def main():
     for i, (mean, deviation) in enumerate(zip(found.gamma, found.gamma_deviation, strict=True)):
         print(f"gamma of car {i}: {mean:.2f} +- {deviation:.2f}, true {gamma[i]:.2f}")
     drawn = [draw(np.random.default_rng(k)) for k in range(1000)]
-    x0, thetas, gammas = zip(*drawn, strict=True)
-    many = solve_many(game, np.stack(x0), thetas, np.stack(gammas))
+    initial_state, thetas, gammas = zip(*drawn, strict=True)
+    many = solve_many(game, np.stack(initial_state), thetas, np.stack(gammas))
     print(f"solved {np.mean(many.status == Status.SOLVED):.1%} of 1000")
     return gamma, found.gamma
 

@@ -20,7 +20,7 @@ from agents.egos.planning import QUICK_STEPS, Plan, plan_equilibrium
 from agents.egos.predict_then_plan import PlanMemory, constant_velocity
 from agents.interfaces.policy import Decision
 from foresight_env.envs.core.scene import Scene
-from foresight_env.inverse import Estimate, Free, OnlineEstimator, OnlineState, Prior
+from foresight_env.inverse import Estimate, Free, MovingHorizonEstimator, MovingHorizonState, Prior
 
 AHEAD_PART = 0.6
 """Of the planning horizon, how much the estimated game looks ahead."""
@@ -31,8 +31,8 @@ class InferGammaMemory(NamedTuple):
 
     scene: Scene
     ego: int
-    estimator: OnlineEstimator
-    state: OnlineState | None
+    estimator: MovingHorizonEstimator
+    state: MovingHorizonState | None
     plan: Plan | None
     early: PlanMemory
     """What to do until there is an estimate; its perception knows the ego's own state."""
@@ -50,12 +50,12 @@ class InferGamma:
     infer_gamma: bool = True
     window: int = 10
     """Observations that each estimate uses."""
-    aging: float = 1.5
-    """See `OnlineEstimator`: the others replan at every step, and the ego has not played the
+    forgetting_factor: float = 1.5
+    """See `MovingHorizonEstimator`: the others replan at every step, and the ego has not played the
     equilibrium that its old estimates stood for. Chosen on seeds 12 to 70 of the closed-loop study:
     90 % intervals of gamma cover 45 % of the truths with 1, 70 % with 1.3, 76 % with 1.6."""
     quick: bool | None = None
-    """See `OnlineEstimator`; None: where more than two play and games take long."""
+    """See `MovingHorizonEstimator`; None: where more than two play and games take long."""
     ahead: int | None = None
     """Stages after the window in the estimated game; None: three fifths of the planning horizon."""
     prior: Prior = Prior(gamma_weight=4.0, gamma_center=1.0)
@@ -65,12 +65,14 @@ class InferGamma:
         """See `EgoPolicy`."""
         ego = scene.index(agent)
         free = tuple(
-            Free((), False, True) if j == ego else Free(scene.belief.free, self.infer_gamma, True)
+            Free((), False, True)
+            if j == ego
+            else Free(scene.opponent_prior.free, self.infer_gamma, True)
             for j in range(scene.players)
         )
         quick = scene.players > 2 if self.quick is None else self.quick
         ahead = max(1, round(AHEAD_PART * scene.game.horizon)) if self.ahead is None else self.ahead
-        estimator = OnlineEstimator(
+        estimator = MovingHorizonEstimator(
             replace(scene.game, horizon=self.window - 1 + ahead),
             scene.observation_model(ego),
             free,
@@ -78,10 +80,10 @@ class InferGamma:
             self.window,
             replace(
                 self.prior,
-                theta_deviation=self.prior.theta_deviation or scene.belief.deviation,
+                theta_deviation=self.prior.theta_deviation or scene.opponent_prior.deviation,
             ),
-            aging=self.aging,
-            starts=1 if quick else OnlineEstimator.starts,
+            forgetting_factor=self.forgetting_factor,
+            starts=1 if quick else MovingHorizonEstimator.starts,
             quick=quick,
         )
         early = constant_velocity().init(scene, agent)
@@ -107,7 +109,7 @@ class InferGamma:
             state = memory.estimator.init(guessed, gamma)
         else:
             # What is not estimated is guessed anew, such as the way that a car takes.
-            kept = scene.belief.free
+            kept = scene.opponent_prior.free
             state = state._replace(
                 theta=tuple(
                     {**new, **{name: old[name] for name in kept}}
@@ -116,7 +118,7 @@ class InferGamma:
             )
         following = memory.estimator.update(state, seen)
         stale = following.failures > state.failures
-        afresh = state.guess is None or state.afresh
+        afresh = state.initial_guess is None or state.afresh
         found = following.estimate
         long = found is not None and int(found.steps) > QUICK_STEPS
         late = memory.estimator.quick and (stale or afresh or long)
@@ -141,7 +143,7 @@ class InferGamma:
             else:  # out of sight for long
                 state = perception.states()[j]
                 track = state[None, :2]
-            found.append(scene.belief.guess(own.theta, track, state))
+            found.append(scene.opponent_prior.guess(own.theta, track, state))
         return found
 
     def act(self, memory: InferGammaMemory) -> tuple[Decision, InferGammaMemory]:
@@ -177,7 +179,9 @@ class InferGamma:
         return replace(decision, stale=memory.stale), memory._replace(plan=plan, early=early)
 
 
-def _future(scene: Scene, state: OnlineState, found: Estimate) -> list[Float[np.ndarray, "T _"]]:
+def _future(
+    scene: Scene, state: MovingHorizonState, found: Estimate
+) -> list[Float[np.ndarray, "T _"]]:
     """Everybody's controls from now on in the estimated game, (horizon, m_i) each.
 
     Nobody acts after its end.

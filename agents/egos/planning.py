@@ -77,9 +77,9 @@ def plan_equilibrium(
 ) -> tuple[Decision, Plan | None]:
     """Everybody plays an equilibrium of the scene's game; the ego takes its part of it.
 
-    Solves from the previous plan and then from every other guess (None is a cold start), up to one
+    Solves from the previous plan and then from every other initial guess (None is a cold start), up to one
     that takes long (`QUICK_STEPS`) or, `hurried`, the first that is solved. The solver takes its
-    time from the last guess alone, where no other led to a plan. When that leads to several
+    time from the last initial guess alone, where no other led to a plan. When that leads to several
     equilibria, who gives way is open, and agents that assume different ones collide or wait for
     ever: the one is taken that asks the others for the least change of what they are doing.
     """
@@ -93,7 +93,7 @@ def plan_equilibrium(
     for number, start in enumerate(starts, 1):
         solved = best is not None and int(best.status) == Status.SOLVED
         brief = solved or number < len(starts)
-        solution = solve(game, bounded, theta, gamma, guess=start, hurried=brief)
+        solution = solve(game, bounded, theta, gamma, initial_guess=start, hurried=brief)
         if int(solution.status) != Status.SOLVED:
             best = solution if best is None else best
             continue
@@ -110,7 +110,7 @@ def plan_equilibrium(
 
 
 QUICK_STEPS = 15
-"""Newton steps of a solve after which no further guess is tried at this decision: there is the next
+"""Newton steps of a solve after which no further initial guess is tried at this decision: there is the next
 one. Of 1725 left turns' and roundabouts' decisions another equilibrium was preferred in 115; in 101
 of these the first solve was quicker than this."""
 INERTIA_STEPS = 8
@@ -151,7 +151,7 @@ def plan_response(
     if box is not None:
         state = np.clip(state, box.lower[0], box.upper[0])
     theta: dict[str, Any] = best_response_parameters(game, ego, own_theta, predicted)
-    guess = None if previous is None else shift(previous.solution)
-    solution = solve(alone, [state], [theta], [own_gamma], guess=guess)
+    initial_guess = None if previous is None else shift(previous.solution)
+    solution = solve(alone, [state], [theta], [own_gamma], initial_guess=initial_guess)
     paths = {j: s[:, :2] for j, s in predicted.items()}
     return _decide(scene, ego, solution, 0, previous, state, paths, {})

@@ -87,10 +87,10 @@ class PredictThenPlan:
         decision, plan = plan_response(
             scene, ego, states[ego], mine.theta, mine.gamma, predicted, memory.plan
         )
-        likeliest = forecast.likeliest
+        most_likely = forecast.most_likely
         decision = replace(
             decision,
-            predicted={j: likeliest[:, j] for j in predicted},
+            predicted={j: most_likely[:, j] for j in predicted},
             gammas=_gammas(forecast, ego),
             stale=forecast.fallback,
         )
@@ -132,13 +132,13 @@ def planned_positions(
 def feared_positions(
     forecast: Forecast, ego: int, own: Float[np.ndarray, "T 2"], deviations: float
 ) -> Float[np.ndarray, "T N 2"]:
-    """The likeliest positions, moved towards the ego's by that many standard deviations.
+    """The most_likely positions, moved towards the ego's by that many standard deviations.
 
     To keep a distance from there is a linearised chance constraint along the line between the two
     (Zhu and Alonso-Mora, "Chance-constrained collision avoidance for MAVs in dynamic
     environments", RA-L 2019). Nobody is moved farther than to where the ego is.
     """
-    places = np.array(forecast.likeliest)
+    places = np.array(forecast.most_likely)
     if forecast.covariance is None:
         return places
     covariance = forecast.covariance[int(np.argmax(forecast.probabilities))]

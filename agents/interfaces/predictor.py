@@ -72,7 +72,7 @@ class Forecast:
     """Whether the predictor failed and this is a simpler one's forecast."""
 
     @property
-    def likeliest(self) -> Float[np.ndarray, "P N 2"]:
+    def most_likely(self) -> Float[np.ndarray, "P N 2"]:
         """Positions of the future of highest probability."""
         return np.asarray(self.positions[int(np.argmax(self.probabilities))])
 

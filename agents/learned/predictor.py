@@ -103,7 +103,7 @@ def _with_rest(
     covariance: Float[np.ndarray, "K P A 2 2"],
 ) -> Forecast:
     """Those beyond the network's places go straight on, as unsure as the most unsure within."""
-    line = ConstantVelocityPredictor().predict(history, steps).likeliest[:, AGENTS:]
+    line = ConstantVelocityPredictor().predict(history, steps).most_likely[:, AGENTS:]
     rest = np.broadcast_to(line, (len(positions), *line.shape))
     most = covariance.max(axis=2, keepdims=True)
     wide = np.broadcast_to(

@@ -8,11 +8,16 @@ import numpy as np
 from jaxtyping import Float
 
 from agents.interfaces.predictor import Forecast, History
-from agents.predictors.encounter_fit import EncounterBelief, latest_wish, seen_states, wandering
+from agents.predictors.encounter_fit import (
+    EncounterBelief,
+    preferred_motion,
+    seen_states,
+    wandering,
+)
 from agents.predictors.kinematic import ConstantVelocityPredictor
 from foresight_env.equilibrium import Status
 from foresight_env.games import full_state
-from foresight_env.inverse import Estimate, Free, MultiStart, Prior, estimate, guess_initial_states
+from foresight_env.inverse import Estimate, Free, MultiStart, Prior, estimate, guess_initial_state
 from foresight_env.scenarios.encounter import encounter_game, is_vehicle, player_theta
 
 IMPLAUSIBLE = 30.0
@@ -31,7 +36,7 @@ class EncounterPredictor:
     """Whether discount factors are inferred; else they are 1."""
     noise_std: float = 0.03
     """Standard deviation of the latest positions, velocities and headings (m, m/s, rad)."""
-    aging: float = 1.8
+    forgetting_factor: float = 1.8
     """By how much the deviation grows per step into the past: people change their minds, so old
     observations say less of what they want now."""
     belief: EncounterBelief = EncounterBelief()
@@ -82,8 +87,10 @@ class EncounterPredictor:
             game,
             observations,
             model,
-            initial_state=guess_initial_states(game, model, observations),
-            theta=[player_theta(k, latest_wish(history, i)) for i, k in enumerate(history.kinds)],
+            initial_state=guess_initial_state(game, model, observations),
+            theta=[
+                player_theta(k, preferred_motion(history, i)) for i, k in enumerate(history.kinds)
+            ],
             gamma=[center if self.infer else 1.0 for center, _ in beliefs],
             free=free,
             covariance=self._covariance(known, observations.shape[1]),
@@ -97,7 +104,7 @@ class EncounterPredictor:
 
     def _covariance(self, known: int, size: int) -> Float[np.ndarray, "K size size"]:
         """Covariance per observation, newest last."""
-        deviation = self.noise_std * self.aging ** np.arange(known - 1, -1, -1)
+        deviation = self.noise_std * self.forgetting_factor ** np.arange(known - 1, -1, -1)
         return deviation[:, None, None] ** 2 * np.eye(size)
 
     def _deviations(self, driving: list[bool]) -> tuple[tuple[str, float], ...]:

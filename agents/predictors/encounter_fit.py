@@ -52,7 +52,7 @@ class EncounterBelief(NamedTuple):
         return float(self.gamma(kind)[1] ** -0.5)
 
     def wish_deviation(self, kind: str) -> Float[np.ndarray, "2"]:
-        """Of the entries of a wish: a velocity, or speed and curvature."""
+        """Of the entries of a preferred: a velocity, or speed and curvature."""
         if is_vehicle(kind):
             return np.array([self.speed_deviation, self.curvature_deviation])
         return np.array([self.velocity_deviation, self.velocity_deviation])
@@ -74,7 +74,7 @@ def wandering(
     return np.asarray(np.multiply.outer(np.outer(times**3 / 3.0, density), np.eye(2)))
 
 
-def latest_wish(history: History, agent: int) -> Any:
+def preferred_motion(history: History, agent: int) -> Any:
     """What an agent seems to keep: the last velocity, or the last speed and curvature."""
     velocity = history.states[history.seen(agent)[-1], agent, 2:]
     if not is_vehicle(history.kinds[agent]):

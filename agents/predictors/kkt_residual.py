@@ -20,7 +20,12 @@ from jaxtyping import Array, Float
 from scipy.optimize import least_squares
 
 from agents.interfaces.predictor import Forecast, History
-from agents.predictors.encounter_fit import LEAST_SPEED, EncounterBelief, filled_states, latest_wish
+from agents.predictors.encounter_fit import (
+    LEAST_SPEED,
+    EncounterBelief,
+    filled_states,
+    preferred_motion,
+)
 from agents.predictors.kinematic import ConstantVelocityPredictor
 from foresight_env.equilibrium import Status, solve
 from foresight_env.games import stage_cost
@@ -64,11 +69,11 @@ class KktResidualPredictor:
     def _fit(
         self, history: History, states: Float[np.ndarray, "K N 4"], agent: int
     ) -> Float[np.ndarray, "7"]:
-        """Discount factor, wish, and the value of the last state (a costate) of one agent."""
+        """Discount factor, preferred, and the value of the last state (a costate) of one agent."""
         kind = history.kinds[agent]
         center, _ = self.belief.gamma(kind)
-        wish = np.asarray(latest_wish(history, agent), dtype=float)
-        start = np.array([center, *wish, 0.0, 0.0, 0.0, 0.0])
+        preferred = np.asarray(preferred_motion(history, agent), dtype=float)
+        start = np.array([center, *preferred, 0.0, 0.0, 0.0, 0.0])
         deviations = [self.belief.gamma_deviation(kind), *self.belief.wish_deviation(kind)]
         precision = 1.0 / np.array(deviations)
         if len(states) < 2:

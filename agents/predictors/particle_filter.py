@@ -17,7 +17,12 @@ import numpy as np
 from jaxtyping import Float
 
 from agents.interfaces.predictor import Forecast, History
-from agents.predictors.encounter_fit import EncounterBelief, filled_states, latest_wish, wandering
+from agents.predictors.encounter_fit import (
+    EncounterBelief,
+    filled_states,
+    preferred_motion,
+    wandering,
+)
 from agents.predictors.kinematic import ConstantVelocityPredictor
 from foresight_env.equilibrium import Solution, Status, solve_many
 from foresight_env.scenarios.encounter import (
@@ -32,7 +37,7 @@ class _Particles(NamedTuple):
     """Guesses of everybody's parameters."""
 
     gamma: Float[np.ndarray, "B N"]
-    wish: Float[np.ndarray, "B N 2"]
+    preferred: Float[np.ndarray, "B N 2"]
 
 
 @dataclass(frozen=True)
@@ -92,11 +97,11 @@ class ParticleFilterPredictor:
         """Particles of the belief."""
         center, deviation, spread = self._beliefs(history)
         count = len(history.kinds)
-        wish = np.stack([latest_wish(history, i) for i in range(count)])
+        preferred = np.stack([preferred_motion(history, i) for i in range(count)])
         drawn = random.standard_normal((self.particles, count, 3))
         away = np.stack([_turned(history, i, drawn[:, i, 1:]) for i in range(count)], axis=1)
         return _inside(
-            history, _Particles(center + deviation * drawn[..., 0], wish + spread * away)
+            history, _Particles(center + deviation * drawn[..., 0], preferred + spread * away)
         )
 
     def _resampled(
@@ -113,11 +118,11 @@ class ParticleFilterPredictor:
         chosen = np.searchsorted(np.cumsum(weights / weights.sum()), places)
         chosen = np.minimum(chosen, self.particles - 1)
         moved = self.jitter * random.standard_normal((self.particles, 3))
-        gamma, wish = particles.gamma.copy(), particles.wish.copy()
+        gamma, preferred = particles.gamma.copy(), particles.preferred.copy()
         gamma[:, agent] = gamma[chosen, agent] + deviation[agent] * moved[:, 0]
         away = _turned(history, agent, moved[:, 1:])
-        wish[:, agent] = wish[chosen, agent] + spread[agent] * away
-        return _inside(history, _Particles(gamma, wish))
+        preferred[:, agent] = preferred[chosen, agent] + spread[agent] * away
+        return _inside(history, _Particles(gamma, preferred))
 
     def _played(
         self,
@@ -130,7 +135,7 @@ class ParticleFilterPredictor:
         game = encounter_game(history.kinds, steps, history.dt)
         theta: list[tuple[dict[str, Any], ...]] = [
             tuple(player_theta(kind, row[i]) for i, kind in enumerate(history.kinds))
-            for row in particles.wish
+            for row in particles.preferred
         ]
         start = np.broadcast_to(states, (self.particles, *states.shape))
         return solve_many(game, start, theta, particles.gamma)
@@ -145,7 +150,7 @@ def _turned(
     """
     if is_vehicle(history.kinds[agent]):
         return drawn
-    along = latest_wish(history, agent)
+    along = preferred_motion(history, agent)
     speed = float(np.hypot(*along))
     cos, sin = along / speed if speed > 0.0 else (1.0, 0.0)
     return drawn @ np.array([[cos, sin], [-sin, cos]])
@@ -153,10 +158,10 @@ def _turned(
 
 def _inside(history: History, particles: _Particles) -> _Particles:
     """Discount factors in [0, 1], speeds not below 0, curvatures that the game allows."""
-    wish = particles.wish.copy()
+    preferred = particles.preferred.copy()
     for i, kind in enumerate(history.kinds):
         if is_vehicle(kind):
             inside = 0.9 * CURVATURE_LIMIT
-            wish[:, i, 0] = np.maximum(wish[:, i, 0], 0.0)
-            wish[:, i, 1] = np.clip(wish[:, i, 1], -inside, inside)
-    return _Particles(np.clip(particles.gamma, 0.0, 1.0), wish)
+            preferred[:, i, 0] = np.maximum(preferred[:, i, 0], 0.0)
+            preferred[:, i, 1] = np.clip(preferred[:, i, 1], -inside, inside)
+    return _Particles(np.clip(particles.gamma, 0.0, 1.0), preferred)

@@ -90,16 +90,16 @@ SPOILED: dict[str, Callable[[dict[str, Any]], Any]] = {
 
 
 def _options(random: Random, players: int, states: np.ndarray) -> dict[str, Any]:
-    """Options on and beyond the edge of what makes sense; some must be refused, others may be."""
+    """SolverOptions on and beyond the edge of what makes sense; some must be refused, others may be."""
     shape = np.shape(states)
     cases: list[dict[str, Any]] = [
         {},
         {"gamma": random.uniform(0.0, 1.0, players)},
         {"gamma": np.zeros(players)},
         {"gamma": np.full(players, 1.2)},
-        {"initial_states": states + random.normal(0.0, 0.1, shape)},
-        {"initial_states": np.tile(states[:1], (players, 1))},  # all in one place
-        {"initial_states": 1e6 * np.ones(shape)},
+        {"initial_state": states + random.normal(0.0, 0.1, shape)},
+        {"initial_state": np.tile(states[:1], (players, 1))},  # all in one place
+        {"initial_state": 1e6 * np.ones(shape)},
     ]
     return cases[random.integers(len(cases))]
 
@@ -109,10 +109,10 @@ WRONG_OPTIONS: tuple[Any, ...] = (
     {"gamma": "patient"},
     {"gamma": -np.ones(2)},
     {"goals": [[np.inf, 0.0]]},
-    {"initial_states": np.zeros(3)},
+    {"initial_state": np.zeros(3)},
     {"unknown": 1},
     "options",
-    {"situation": {"gamma": 1.0}},
+    {"episode_parameters": {"gamma": 1.0}},
 )
 
 

@@ -10,7 +10,7 @@ from agents import History, InferGamma, make_predictor
 from benchmarks.robustness.tally import Random, Tally
 from foresight_env.envs import crosswalk_v0
 from foresight_env.games import full_state, positions
-from foresight_env.inverse import Free, OnlineEstimator
+from foresight_env.inverse import Free, MovingHorizonEstimator
 from foresight_env.scenarios.crosswalk import crosswalk_game, nominal_setting, player_theta
 
 WINDOW = 5
@@ -50,7 +50,7 @@ def _walks(random: Random, steps: int, full: bool) -> np.ndarray:
     setting = nominal_setting(2)
     part = np.linspace(0.0, 1.0, steps)[:, None]
     rows = []
-    for start, goal in zip(setting.initial_states[:, :2], setting.goals, strict=True):
+    for start, goal in zip(setting.initial_state[:, :2], setting.goals, strict=True):
         place = start + part * (goal - start) + 0.03 * random.normal(size=(steps, 2))
         pace = np.tile((goal - start) / (0.1 * steps), (steps, 1)).clip(-0.8, 0.8)
         rows.append(np.concatenate([place, pace], axis=1) if full else place)
@@ -64,7 +64,7 @@ def use_estimator(random: Random, tally: Tally) -> None:
     name = f"estimator: {fault}"
     game = crosswalk_game(2, horizon=HORIZON)
     model = (full_state if full else positions)(game.state_sizes)
-    estimator = OnlineEstimator(
+    estimator = MovingHorizonEstimator(
         game, model, Free(("goal",), initial_state=True), 0.03**2, window=WINDOW
     )
     theta = [player_theta(goal) for goal in nominal_setting(2).goals]
@@ -84,7 +84,12 @@ def use_estimator(random: Random, tally: Tally) -> None:
         if state.estimate is not None:
             tally.must_be_finite(name, "present", *(state.present or ()))
             tally.must_be_finite(name, "plan", *state.estimate.solution.states)
-            tally.must_be_finite(name, "deviation, misfit", state.gamma_deviation, state.misfit)
+            tally.must_be_finite(
+                name,
+                "deviation, reduced_chi_squared",
+                state.gamma_deviation,
+                state.reduced_chi_squared,
+            )
     tally.done[name] += 1
 
 
@@ -133,7 +138,7 @@ def use_ego(random: Random, tally: Tally) -> None:
         decision, memory = policy.act(memory)
         if not env.action_space(agent).contains(decision.action):
             tally.violations.append(f"{name}: action outside its space: {decision.action}")
-        tally.failed[name] += int(decision.failed) + int(decision.stale)
+        tally.failed[name] += int(decision.plan_fallback) + int(decision.estimate_outdated)
         observations, _, _, _, infos = env.step({agent: decision.action})
         rows.append(observations[agent])
     env.close()

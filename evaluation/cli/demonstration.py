@@ -94,8 +94,8 @@ def _draw(console: Console, ego: str, seed: int, setting: RunSetting, out: Path)
         table.add_row("decision, median", f"{np.median(milliseconds):.0f} ms")
     table.add_row(
         "failed plans, failed fits",
-        f"{sum(s.decision.failed for s in shown.steps)}, "
-        f"{sum(s.decision.stale for s in shown.steps)}",
+        f"{sum(s.decision.plan_fallback for s in shown.steps)}, "
+        f"{sum(s.decision.estimate_outdated for s in shown.steps)}",
     )
     console.print(table)
     for path in (shown.animation, shown.still, shown.curve):

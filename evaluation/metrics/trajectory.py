@@ -117,12 +117,12 @@ def best_displacement(
     present: Bool[np.ndarray, "K A"],
     count: int,
 ) -> tuple[float, float]:
-    """minADE_k and minFDE_k: `displacement` of the best joint future among the `count` likeliest.
+    """minADE_k and minFDE_k: `displacement` of the best joint future among the `count` most_likely.
 
     Chosen by ADE, all agents together (Gupta et al., "Social GAN", CVPR 2018).
     """
-    likeliest = np.argsort(-probabilities, kind="stable")[:count]
-    return min(displacement(positions[m], truth, present) for m in likeliest)
+    most_likely = np.argsort(-probabilities, kind="stable")[:count]
+    return min(displacement(positions[m], truth, present) for m in most_likely)
 
 
 STANDING = 0.1

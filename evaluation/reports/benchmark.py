@@ -70,7 +70,7 @@ def recorded_parts(rows: Sequence[Row], predictors: Sequence[str]) -> list[Part]
     return found
 
 
-PER_WINDOW = ("average_error", "final_error", "missed", "best_average_error", "surprise")
+PER_WINDOW = ("average_error", "final_error", "missed", "best_average_error", "nll")
 
 
 def simulated_parts(rows: Sequence[Row], plan: Plan) -> list[Part]:

@@ -35,7 +35,7 @@ class Metric(NamedTuple):
 ADE = Metric("ADE", "m", "mean distance between prediction and truth", True)
 FDE = Metric("FDE", "m", "the same at the last step at which somebody is there")
 MISSED = Metric("missed", "%", "agents predicted more than 2 m off at that step")
-BEST = Metric("best of 5", "m", "ADE of the best of the five likeliest joint futures")
+BEST = Metric("best of 5", "m", "ADE of the best of the five most_likely joint futures")
 NLL = Metric("NLL", "", "minus the log of the probability density (1/m^2) given to the truth")
 HARM = Metric("collided", "%", "episodes that ended in a collision or off the road", True, True)
 REACHED = Metric("goal", "%", "episodes in which the ego reached its goal unharmed", share=True)
@@ -96,7 +96,7 @@ def open_part(place: str, methods: dict[str, Cases], broken: dict[str, int]) -> 
         FDE: lambda r: r["final_error"],
         MISSED: lambda r: 100.0 * r["missed"] / r["agents"],
         BEST: lambda r: r["best_average_error"],
-        NLL: lambda r: _number(r["surprise"]),
+        NLL: lambda r: _number(r["nll"]),
     }
     lines = _lines(methods, broken, columns, (ADE,))
     return Part(OPEN, place, "windows", OPEN_METRICS, _sorted(lines, ADE))

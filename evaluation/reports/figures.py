@@ -276,7 +276,7 @@ def recorded_encounter(encounter: Encounter, forecasts: Sequence[Judged], path: 
     for found in forecasts:
         label = label_of(found.predictor)
         told = f"{label} (ADE {found.average_error:.2f} m, FDE {found.final_error:.2f} m)"
-        path_to = found.forecast.likeliest
+        path_to = found.forecast.most_likely
         for a in range(len(window.agents)):
             start = window.history.states[-1, a, :2][None]
             compared = window.present[:, a, None]

@@ -123,7 +123,7 @@ def likelihoods(rows: Sequence[Row]) -> list[Line]:
     Nothing where no predictor says more than one future.
     """
     if not any(
-        r["best_average_error"] != r["average_error"] or r["surprise"] is not None
+        r["best_average_error"] != r["average_error"] or r["nll"] is not None
         for r in rows
         if not r["error"]
     ):
@@ -135,7 +135,7 @@ def likelihoods(rows: Sequence[Row]) -> list[Line]:
             "best of 5: ADE / FDE [m]": " / ".join(
                 f"{_mean(_column(mine, f'best_{kind}_error')):.2f}" for kind in ("average", "final")
             ),
-            "NLL": _number(_mean(_column(mine, "surprise"))),
+            "NLL": _number(_mean(_column(mine, "nll"))),
         }
         for part in parts(rows)
         for predictor in predictors(rows)
@@ -231,7 +231,7 @@ def print_prediction(console: Console, rows: Sequence[Row]) -> None:
             console.print(table)
     console.print(
         "missed: agents predicted more than 2 m off at the last step they are there. touch: pairs "
-        "predicted to touch (recorded: that did). Best of 5: of the five likeliest joint futures "
+        "predicted to touch (recorded: that did). Best of 5: of the five most_likely joint futures "
         "the one of least ADE. NLL: minus the log of the probability density (1/m^2) that a "
         "forecast gives to what happened, where it has one; less is better. Brackets: 95 % "
         "intervals, whole groups of windows that share agents resampled."

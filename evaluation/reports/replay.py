@@ -71,7 +71,7 @@ def _step(step: Step, ego: str, own: int, width: int, turning: list[bool]) -> di
             str(j): _short(np.array([mean, INTERVAL_DEVIATIONS * deviation]))
             for j, (mean, deviation) in gammas.items()
         },
-        "failed": bool(decision.failed or decision.stale),
+        "failed": bool(decision.plan_fallback or decision.estimate_outdated),
     }
 
 

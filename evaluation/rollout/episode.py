@@ -77,8 +77,8 @@ class Episode(NamedTuple):
     def counts(self) -> dict[str, int]:
         """Failed plans and fits of the ego, and failed solves of the others' game."""
         return {
-            "failed_plans": sum(s.decision.failed for s in self.steps),
-            "failed_fits": sum(s.decision.stale for s in self.steps),
+            "failed_plans": sum(s.decision.plan_fallback for s in self.steps),
+            "failed_fits": sum(s.decision.estimate_outdated for s in self.steps),
             "oracle_failures": int(self.last["solver_failures"]),
         }
 

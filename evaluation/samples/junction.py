@@ -37,7 +37,7 @@ def made_junction(seed: int = 0, noise_std: float = 0.01) -> Recording:
     for last in (False, False, False, False, True):
         drawn = draw_junction(random, 2, 2)
         # One or two draws of twelve are not solved; which ones is up to rounding.
-        solution = solve(game, drawn.initial_states, drawn.theta, np.array(GAMMAS), throw=last)
+        solution = solve(game, drawn.initial_state, drawn.theta, np.array(GAMMAS), throw=last)
         if int(solution.status) == Status.SOLVED:
             break
     every = round(DT * RATE)

@@ -72,7 +72,7 @@ def run_windows(place: str, seed: int, predictor: str, settings: str) -> Row:
         forecast = made.predict(history, PREDICTED_STEPS)
         seconds.append(time.perf_counter() - begin)
         rows.append(judged(window, forecast))
-    names = ("average_error", "final_error", "missed", "best_average_error", "surprise", "fallback")
+    names = ("average_error", "final_error", "missed", "best_average_error", "nll", "fallback")
     return {
         **{name: [row[name] for row in rows] for name in names},
         "seconds": seconds,

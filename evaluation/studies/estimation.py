@@ -29,7 +29,7 @@ from foresight_env.inverse import (
     Profile,
     cramer_rao,
     estimate,
-    guess_initial_states,
+    guess_initial_state,
 )
 from foresight_env.scenarios.crosswalk import MONTE_CARLO, Proximity, crosswalk_game, player_theta
 
@@ -62,7 +62,7 @@ def truth(proximity: Proximity) -> Solution:
     """The Monte Carlo setting's equilibrium."""
     game = crosswalk_game(2, proximity=proximity)
     setting = MONTE_CARLO
-    return solve(game, setting.initial_states, setting.theta, setting.gamma, throw=True)
+    return solve(game, setting.initial_state, setting.theta, setting.gamma, throw=True)
 
 
 def joint(solution: Solution) -> Float[np.ndarray, "stages 8"]:
@@ -93,7 +93,7 @@ def fit(
         game,
         seen,
         model,
-        initial_state=guess_initial_states(game, model, seen),
+        initial_state=guess_initial_state(game, model, seen),
         theta=[player_theta(seen[-1, i * half : i * half + 2]) for i in range(2)],
         gamma=gamma if method == "infer-gamma" else 1.0,
         free=FREE[method],
@@ -184,7 +184,7 @@ def bound(observation: str, proximity: Proximity = "soft") -> float:
         cramer_rao(
             crosswalk_game(2, proximity=proximity),
             observation_model(observation),
-            initial_state=setting.initial_states,
+            initial_state=setting.initial_state,
             theta=setting.theta,
             gamma=setting.gamma,
             free=FREE["infer-gamma"],

@@ -27,16 +27,16 @@ def heatmap(size: int = 41, proximity: Proximity = "soft", largest: float = 1.2)
     if size < 2:
         raise ValueError(f"size: is {size}; expected at least 2")
     game, setting = crosswalk_game(2, proximity=proximity), HEATMAP
-    true = joint(solve(game, setting.initial_states, setting.theta, setting.gamma, throw=True))
+    true = joint(solve(game, setting.initial_state, setting.theta, setting.gamma, throw=True))
     gammas = np.linspace(0.02, largest, size)
 
     full, places = np.full((size, size), np.nan), np.full((size, size), np.nan)
     found: Solution | None = None
     for k, first in enumerate(gammas):
         pairs = np.stack([np.full(size, first), gammas], axis=1)
-        states = np.broadcast_to(setting.initial_states, (size, *setting.initial_states.shape))
+        states = np.broadcast_to(setting.initial_state, (size, *setting.initial_state.shape))
         # From the row before: a third of the time of cold starts.
-        found = solve_many(game, states, setting.theta, pairs, guess=found)
+        found = solve_many(game, states, setting.theta, pairs, initial_guess=found)
         squared = (np.concatenate(found.states, axis=2) - true) ** 2
         solved = found.status == Status.SOLVED
         full[k] = np.where(solved, squared.sum(axis=(1, 2)), np.nan)

@@ -29,7 +29,7 @@ from foresight_env.inverse import (
     MultiStart,
     Prior,
     estimate,
-    guess_initial_states,
+    guess_initial_state,
 )
 from foresight_env.scenarios.intersection import player_theta
 
@@ -109,7 +109,7 @@ def fit(
         game,
         seen,
         model,
-        initial_state=guess_initial_states(game, model, seen),
+        initial_state=guess_initial_state(game, model, seen),
         theta=theta,
         gamma=1.0,
         free=free,

@@ -54,7 +54,7 @@ RULE = (
 SCHEMA = 2
 """Changes with the columns of a row: folders of before are refused, not mixed up."""
 MODES = 5
-"""Of how many of the likeliest futures the best counts, as in most benchmarks (nuScenes)."""
+"""Of how many of the most_likely futures the best counts, as in most benchmarks (nuScenes)."""
 STANDING = 0.05
 """Who moves less than this in a step keeps its heading, m."""
 
@@ -111,8 +111,8 @@ def _motions(history: History, agent: int, path: Float[np.ndarray, "P 2"]) -> li
 
 
 def judged(window: PredictionWindow, forecast: Forecast) -> Row:
-    """A forecast's metrics; of several futures the likeliest counts, where nothing else is said."""
-    path, truth, present = forecast.likeliest, window.truth, window.present
+    """A forecast's metrics; of several futures the most_likely counts, where nothing else is said."""
+    path, truth, present = forecast.most_likely, window.truth, window.present
     history = window.history
     average, final = displacement(path, truth, present)
     row: Row = {
@@ -130,9 +130,9 @@ def judged(window: PredictionWindow, forecast: Forecast) -> Row:
     }
     best = best_displacement(forecast.positions, forecast.probabilities, truth, present, MODES)
     row["best_average_error"], row["best_final_error"] = best
-    row["surprise"] = None
+    row["nll"] = None
     if forecast.covariance is not None:
-        row["surprise"] = negative_log_likelihood(
+        row["nll"] = negative_log_likelihood(
             forecast.positions, forecast.probabilities, forecast.covariance, truth, present
         )
     for seconds in SECONDS:

@@ -97,7 +97,7 @@ def _observations(row: Row) -> Float[np.ndarray, "steps size"]:
 
 
 def calibration(network: Any, data: Scenes) -> float:
-    """By what deviations are to be multiplied to make the data likeliest."""
+    """By what deviations are to be multiplied to make the data most_likely."""
 
     @jax.jit
     def loss(factor: Any) -> Any:

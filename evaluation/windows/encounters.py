@@ -129,4 +129,4 @@ def forecast(encounter: Encounter, predictor: str) -> Judged:
     """A registered predictor's forecast and its errors."""
     window = encounter.window
     found = make_predictor(predictor).predict(window.history, len(window.truth))
-    return Judged(predictor, found, *displacement(found.likeliest, window.truth, window.present))
+    return Judged(predictor, found, *displacement(found.most_likely, window.truth, window.present))

@@ -24,7 +24,7 @@ from foresight_env.equilibrium.conditions.layout import Layout, layout_of
 from foresight_env.equilibrium.conditions.pairs import pairs_of
 from foresight_env.equilibrium.conditions.residual import VIOLATED, largest_multiplier
 from foresight_env.equilibrium.newton.implicit import Equilibrium, equilibrium
-from foresight_env.equilibrium.newton.interior_point import Options
+from foresight_env.equilibrium.newton.interior_point import SolverOptions
 from foresight_env.equilibrium.newton.start import Start, begin, from_controls
 from foresight_env.equilibrium.status import SolveError, Status
 from foresight_env.games.game import Game
@@ -67,7 +67,7 @@ def complementarity_margin(layout: Layout, point: Iterate) -> Scalar:
 def _status(layout: Layout, raw: Equilibrium, parameters: Parameters) -> Int[Array, ""]:
     n = layout.n
     low, high = layout.bounds
-    state = parameters.x0
+    state = parameters.initial_state
     outside = jnp.any(state < low[0, :n] - BOUND_SLACK) | jnp.any(state > high[0, :n] + BOUND_SLACK)
     finite = jnp.stack([jnp.all(jnp.isfinite(v)) for v in jax.tree.leaves(parameters)]).all()
     least, most = np.array([p.discounting.limits for p in layout.game.players]).T
@@ -84,7 +84,7 @@ def _status(layout: Layout, raw: Equilibrium, parameters: Parameters) -> Int[Arr
 
 def to_solution(layout: Layout, raw: Equilibrium, parameters: Parameters) -> Solution:
     """Joint arrays to per-player ones, with status and margin."""
-    states = jnp.concatenate([parameters.x0[None], raw.point.x])
+    states = jnp.concatenate([parameters.initial_state[None], raw.point.x])
     return Solution(
         tuple(states[:, s] for s in layout.state_slices),
         tuple(raw.point.u[:, s] for s in layout.control_slices),
@@ -107,7 +107,7 @@ class Kind(IntEnum):
 @partial(jax.jit, static_argnums=(0, 1))
 def _solve_packed(
     layout: Layout,
-    options: Options,
+    options: SolverOptions,
     parameters: Parameters,
     point: Iterate,
     kind: Array,
@@ -170,33 +170,33 @@ def _blank(layout: Layout) -> Iterate:
 
 def _solve_concrete(
     layout: Layout,
-    options: Options,
+    options: SolverOptions,
     parameters: Parameters,
-    guess: Iterate | AnyArray | None,
+    initial_guess: Iterate | AnyArray | None,
     hurried: bool,
 ) -> Solution:
     kind, point = Kind.COLD, _blank(layout)
-    if isinstance(guess, Iterate):
-        kind, point = Kind.SOLUTION, to_double(guess)
-    elif guess is not None:
-        controls: Any = np.asarray(guess, dtype=float)
+    if isinstance(initial_guess, Iterate):
+        kind, point = Kind.SOLUTION, to_double(initial_guess)
+    elif initial_guess is not None:
+        controls: Any = np.asarray(initial_guess, dtype=float)
         kind, point = Kind.CONTROLS, point._replace(u=controls)
     how = (np.asarray(int(kind)), np.asarray(hurried))
     packed = np.asarray(_solve_packed(layout, options, parameters, point, *how))
     if not packed[-NUMBERS]:
-        check_start_is_finite(layout, parameters, guess)
+        check_start_is_finite(layout, parameters, initial_guess)
     return _unpack(layout, packed)
 
 
 @partial(jax.jit, static_argnums=(0, 1, 4))
 def _solve_traced(
     layout: Layout,
-    options: Options,
+    options: SolverOptions,
     parameters: Parameters,
-    guess: Iterate | AnyArray | None,
+    initial_guess: Iterate | AnyArray | None,
     hurried: bool,
 ) -> Solution:
-    start = begin(layout, options, parameters, guess)
+    start = begin(layout, options, parameters, initial_guess)
     if hurried:
         start = start._replace(trial=jnp.ones((), bool))
     return to_solution(layout, equilibrium(layout, options, parameters, start), parameters)
@@ -220,12 +220,12 @@ def shift(solution: Solution) -> Solution:
 
 def solve(
     game: Game,
-    x0: Any,
+    initial_state: Any,
     theta: Sequence[Theta],
     gamma: Any,
     *,
-    guess: Solution | Sequence[Any] | None = None,
-    options: Options = Options(),
+    initial_guess: Solution | Sequence[Any] | None = None,
+    options: SolverOptions = SolverOptions(),
     hurried: bool = False,
     throw: bool = False,
 ) -> Solution:
@@ -233,10 +233,10 @@ def solve(
 
     Args:
         game: the game; equal games share one compiled solver.
-        x0: per-player initial states, each (n_i,), or an array (N, n).
+        initial_state: per-player initial states, each (n_i,), or an array (N, n).
         theta: one mapping of cost parameters per player.
         gamma: discount factors, (N,) or one number; 0 is myopic, above 1 is allowed.
-        guess: a `Solution` of a similar game (warm start; where it leads nowhere, it is put
+        initial_guess: a `Solution` of a similar game (warm start; where it leads nowhere, it is put
             aside), or per-player controls (T, m_i).
         options: tolerances.
         hurried: try once, for at most `options.trial_steps` Newton steps along the path (after
@@ -244,7 +244,7 @@ def solve(
         throw: raise `SolveError` when the game was not solved (concrete calls only).
 
     Returns:
-        A `Solution`. Works under `jit`, `vmap` and `grad`; derivatives with respect to `x0`,
+        A `Solution`. Works under `jit`, `vmap` and `grad`; derivatives with respect to `initial_state`,
         `theta` and `gamma` are exact (implicit function theorem) and NaN where the solve failed.
 
     Raises:
@@ -253,8 +253,8 @@ def solve(
         SolveError: with `throw`, when the status is not `Status.SOLVED`.
     """
     layout = layout_of(game)
-    parameters = check_parameters(game, x0, theta, gamma)
-    start = check_guess(layout, guess)
+    parameters = check_parameters(game, initial_state, theta, gamma)
+    start = check_guess(layout, initial_guess)
     if not is_traced(parameters, start):
         with jax.enable_x64(True):
             result = _solve_concrete(layout, options, parameters, start, hurried)
@@ -270,30 +270,30 @@ def solve(
 
 
 def check_iterate(layout: Layout, point: Iterate, batch: tuple[int, ...] = ()) -> None:
-    """Raise `ValueError` where a guess solves a game of other sizes."""
+    """Raise `ValueError` where an initial guess solves a game of other sizes."""
     sizes = (layout.n, layout.m, layout.pair_count, layout.pair_count)
     names = ("joint states", "joint controls", "slacks", "multipliers")
     for name, value, size in zip(names, point, sizes, strict=True):
         expected = (*batch, layout.game.horizon, size)
         if value.shape != expected:
             raise ValueError(
-                f"guess: solves another game: {name} have shape {value.shape}; expected {expected}"
+                f"initial_guess: solves another game: {name} have shape {value.shape}; expected {expected}"
             )
 
 
-def check_guess(layout: Layout, guess: Any) -> Iterate | AnyArray | None:
-    """A guess as joint arrays: an iterate, or controls (T, m)."""
+def check_guess(layout: Layout, initial_guess: Any) -> Iterate | AnyArray | None:
+    """An initial guess as joint arrays: an iterate, or controls (T, m)."""
     horizon = layout.game.horizon
-    if guess is None:
+    if initial_guess is None:
         return None
-    if isinstance(guess, Solution):
-        point = Iterate(*guess.point)
+    if isinstance(initial_guess, Solution):
+        point = Iterate(*initial_guess.point)
         check_iterate(layout, point)
         return point
     shapes = tuple((horizon, m) for m in layout.game.control_sizes)
-    if tuple(np.shape(c) for c in guess) != shapes:
+    if tuple(np.shape(c) for c in initial_guess) != shapes:
         raise ValueError(
-            f"guess: controls of shapes {tuple(np.shape(c) for c in guess)}; expected {shapes}"
+            f"initial_guess: controls of shapes {tuple(np.shape(c) for c in initial_guess)}; expected {shapes}"
         )
-    xp: Any = jnp if is_traced(guess) else np
-    return xp.concatenate([xp.asarray(c) for c in guess], axis=1)
+    xp: Any = jnp if is_traced(initial_guess) else np
+    return xp.concatenate([xp.asarray(c) for c in initial_guess], axis=1)

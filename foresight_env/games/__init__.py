@@ -1,13 +1,12 @@
 """What a game is: dynamics, stage costs, discounting, constraints, observation models."""
 
-from foresight_env.games.anonymous import Anonymous
 from foresight_env.games.constraints import (
     Bounds,
     Equality,
     Inequality,
-    KeepAllApart,
-    KeepApart,
+    MinimumDistance,
     SharedInequality,
+    SharedMinimumDistance,
 )
 from foresight_env.games.costs import (
     Composite,
@@ -28,22 +27,23 @@ from foresight_env.games.dynamics import (
 )
 from foresight_env.games.game import Game, Player, inside_bounds
 from foresight_env.games.observations import ObservationModel, full_state, positions
-from foresight_env.games.paths import BodyGap, InLane, PathFollowing
+from foresight_env.games.paths import FootprintProximity, LaneBounds, PathFollowing
+from foresight_env.games.permutation import PermutationInvariant
 from foresight_env.games.roads import (
-    BesideRoads,
     Circle,
     Lane,
     LaneCenter,
     OutsideCircles,
+    RoadBoundary,
     RoadSide,
 )
 from foresight_env.games.stage import stage_cost
 from foresight_env.games.steering import Steering
 
 __all__ = [
-    "Anonymous",
-    "BesideRoads",
-    "BodyGap",
+    "PermutationInvariant",
+    "RoadBoundary",
+    "FootprintProximity",
     "Bounds",
     "Circle",
     "Composite",
@@ -58,10 +58,10 @@ __all__ = [
     "Game",
     "Goal",
     "Hyperbolic",
-    "InLane",
+    "LaneBounds",
     "Inequality",
-    "KeepAllApart",
-    "KeepApart",
+    "SharedMinimumDistance",
+    "MinimumDistance",
     "KinematicBicycle",
     "Lane",
     "LaneCenter",

@@ -15,8 +15,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from foresight_env.games.anonymous import Anonymous
 from foresight_env.games.costs import Weight, weight_value
+from foresight_env.games.permutation import PermutationInvariant
 from foresight_env.games.types import (
     ConstraintFunction,
     Controls,
@@ -115,7 +115,7 @@ class SharedInequality:
 
 
 @dataclass(frozen=True)
-class KeepApart(Anonymous):
+class MinimumDistance(PermutationInvariant):
     """`||p_i - p_j||^2 - threshold` for every other player j, (N - 1,), m^2 (paper, eq. 6).
 
     The paper writes `threshold = delta * d_min`; it is compared with a *squared* distance.
@@ -131,7 +131,7 @@ class KeepApart(Anonymous):
 
 
 @dataclass(frozen=True)
-class KeepAllApart:
+class SharedMinimumDistance:
     """`||p_i - p_j||^2 - threshold` for every pair i < j, (N (N - 1) / 2,), m^2, as shared rows."""
 
     threshold: float

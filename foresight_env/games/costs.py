@@ -1,7 +1,7 @@
 """Stage costs `cost(i, t, x, u, theta)`, each a small hashable object (paper, section VI).
 
 A weight is a number, or the name of an entry of the player's `theta` when it is a parameter.
-`Composite` costs tell the solver how they curve: `outer` is convex, `inner` is what bends.
+`Composite` costs tell the solver how they curve: `loss` is convex, `residual` is what bends.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from foresight_env.games.anonymous import Anonymous
+from foresight_env.games.permutation import PermutationInvariant
 from foresight_env.games.types import Controls, Scalar, StageNumber, States, Theta
 from foresight_env.games.vectors import squared_length
 
@@ -27,17 +27,17 @@ def weight_value(weight: Weight, theta: Theta) -> Scalar:
 
 @runtime_checkable
 class Composite(Protocol):
-    """A cost `outer(inner(...), theta)` with `outer` convex.
+    """A cost `loss(residual(...), theta)` with `loss` convex.
 
-    Far from an equilibrium, solvers replace `inner` by its linearisation in second derivatives
+    Far from an equilibrium, solvers replace `residual` by its linearisation in second derivatives
     (Gauss-Newton), which keeps each player's own problem convex there.
     """
 
-    def inner(
+    def residual(
         self, i: int, t: StageNumber, x: States, u: Controls, theta: Theta
     ) -> Float[Array, "r"]: ...
 
-    def outer(self, value: Float[Array, "r"], theta: Theta) -> Scalar: ...
+    def loss(self, value: Float[Array, "r"], theta: Theta) -> Scalar: ...
 
 
 def distances(i: int, x: States) -> Float[Array, "others"]:
@@ -52,7 +52,7 @@ def distances(i: int, x: States) -> Float[Array, "others"]:
 
 
 @dataclass(frozen=True)
-class Goal(Anonymous):
+class Goal(PermutationInvariant):
     """`w * ||p - goal||^2`, goal (2,) in metres from `theta[goal]`."""
 
     weight: Weight = 1.0
@@ -63,7 +63,7 @@ class Goal(Anonymous):
 
 
 @dataclass(frozen=True)
-class Effort(Anonymous):
+class Effort(PermutationInvariant):
     """`w * ||u||^2`."""
 
     weight: Weight = 0.1
@@ -73,26 +73,26 @@ class Effort(Anonymous):
 
 
 @dataclass(frozen=True)
-class SquaredDistanceHinge(Anonymous):
+class SquaredDistanceHinge(PermutationInvariant):
     """`w * sum_j max(0, distance - ||p_i - p_j||)^2`: the reference implementation's proximity."""
 
     distance: Weight = 1.2
     weight: Weight = 5.0
 
-    def inner(
+    def residual(
         self, i: int, t: StageNumber, x: States, u: Controls, theta: Theta
     ) -> Float[Array, "others"]:
         return weight_value(self.distance, theta) - distances(i, x)
 
-    def outer(self, value: Float[Array, "others"], theta: Theta) -> Scalar:
+    def loss(self, value: Float[Array, "others"], theta: Theta) -> Scalar:
         return weight_value(self.weight, theta) * jnp.sum(jnp.maximum(value, 0.0) ** 2)
 
     def __call__(self, i: int, t: StageNumber, x: States, u: Controls, theta: Theta) -> Scalar:
-        return self.outer(self.inner(i, t, x, u, theta), theta)
+        return self.loss(self.residual(i, t, x, u, theta), theta)
 
 
 @dataclass(frozen=True)
-class SigmoidProximity(Anonymous):
+class SigmoidProximity(PermutationInvariant):
     """`w * sum_j 1 / (1 + exp(sharpness * (||p_i - p_j|| - distance)))` over `others` (inD game).
 
     `others`: indices of the players that count; None means all.
@@ -110,13 +110,13 @@ class SigmoidProximity(Anonymous):
         gap = distances(0, (x[i], *(x[j] for j in chosen))) - weight_value(self.distance, theta)
         return weight_value(self.weight, theta) * jnp.sum(jax.nn.sigmoid(-self.sharpness * gap))
 
-    def tells_apart(self, i: int, j: int) -> bool:
+    def distinguishes(self, i: int, j: int) -> bool:
         """Whether one of them counts for others and one does not."""
         return self.others is not None and (i in self.others) != (j in self.others)
 
 
 @dataclass(frozen=True)
-class TargetSpeed(Anonymous):
+class TargetSpeed(PermutationInvariant):
     """`w * (v - target)^2` for states whose third entry is the speed (m/s), as a bicycle's."""
 
     target: Weight

@@ -13,8 +13,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from foresight_env.games.anonymous import Anonymous
 from foresight_env.games.costs import Weight, weight_value
+from foresight_env.games.permutation import PermutationInvariant
 from foresight_env.games.types import Controls, Scalar, StageNumber, States, Theta
 
 SOFTNESS = 1.5
@@ -94,26 +94,26 @@ def _expansion(
 
 
 @dataclass(frozen=True)
-class PathFollowing(Anonymous):
+class PathFollowing(PermutationInvariant):
     """`w * offset^2` from the path in `theta`."""
 
     weight: Weight
     path: str = "path"
 
-    def inner(
+    def residual(
         self, i: int, t: StageNumber, x: States, u: Controls, theta: Theta
     ) -> Float[Array, "1"]:
         return path_offset(jnp.asarray(theta[self.path]), x[i][:2])[None]
 
-    def outer(self, value: Float[Array, "1"], theta: Theta) -> Scalar:
+    def loss(self, value: Float[Array, "1"], theta: Theta) -> Scalar:
         return weight_value(self.weight, theta) * jnp.sum(value**2)
 
     def __call__(self, i: int, t: StageNumber, x: States, u: Controls, theta: Theta) -> Scalar:
-        return self.outer(self.inner(i, t, x, u, theta), theta)
+        return self.loss(self.residual(i, t, x, u, theta), theta)
 
 
 @dataclass(frozen=True)
-class InLane(Anonymous):
+class LaneBounds(PermutationInvariant):
     """Constraint `half_width - |offset| >= 0` from the path in `theta`: its two sides (2,), m."""
 
     half_width: float
@@ -127,7 +127,7 @@ class InLane(Anonymous):
 
 
 @dataclass(frozen=True)
-class BodyGap(Anonymous):
+class FootprintProximity(PermutationInvariant):
     """`w * sum max(0, distance - d)^2` over pairs of own and others' discs, `d` between centres.
 
     Every car is covered by two discs, `reach` m before and behind its middle along its heading.
@@ -137,7 +137,7 @@ class BodyGap(Anonymous):
     weight: Weight
     reach: float = 1.25
 
-    def inner(
+    def residual(
         self, i: int, t: StageNumber, x: States, u: Controls, theta: Theta
     ) -> Float[Array, "gaps"]:
         own = self._discs(x[i])
@@ -150,11 +150,11 @@ class BodyGap(Anonymous):
         apart = jnp.where(squared > 0.0, jnp.sqrt(positive), 0.0)
         return weight_value(self.distance, theta) - apart
 
-    def outer(self, value: Float[Array, "gaps"], theta: Theta) -> Scalar:
+    def loss(self, value: Float[Array, "gaps"], theta: Theta) -> Scalar:
         return weight_value(self.weight, theta) * jnp.sum(jnp.maximum(value, 0.0) ** 2)
 
     def __call__(self, i: int, t: StageNumber, x: States, u: Controls, theta: Theta) -> Scalar:
-        return self.outer(self.inner(i, t, x, u, theta), theta)
+        return self.loss(self.residual(i, t, x, u, theta), theta)
 
     def _discs(self, state: Float[Array, "4"]) -> list[tuple[Scalar, Scalar]]:
         ahead, aside = self.reach * jnp.cos(state[3]), self.reach * jnp.sin(state[3])

@@ -13,8 +13,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from foresight_env.games.anonymous import Anonymous
 from foresight_env.games.costs import Weight, weight_value
+from foresight_env.games.permutation import PermutationInvariant
 from foresight_env.games.types import AnyArray, Controls, Scalar, StageNumber, States, Theta
 from foresight_env.games.vectors import dot, squared_length
 
@@ -57,7 +57,7 @@ class Circle:
 class RoadSide:
     """The side of a road that leaves an intersection at `start` and runs through `end` and on.
 
-    Behind `start` the road opens into the intersection (`BesideRoads` says how).
+    Behind `start` the road opens into the intersection (`RoadBoundary` says how).
     """
 
     start: Point
@@ -75,7 +75,7 @@ class RoadSide:
 
 
 @dataclass(frozen=True)
-class OutsideCircles(Anonymous):
+class OutsideCircles(PermutationInvariant):
     """`||p - center||^2 - (shrink * radius)^2` for every circle, (circles,), m^2."""
 
     circles: tuple[Circle, ...]
@@ -97,7 +97,7 @@ class OutsideCircles(Anonymous):
 
 
 @dataclass(frozen=True)
-class BesideRoads(Anonymous):
+class RoadBoundary(PermutationInvariant):
     """Signed distance (m) to every road side, positive on the road, (sides,).
 
     A sigmoid along the side lifts the distance by `lift` metres behind `start`, and by half of that
@@ -213,19 +213,19 @@ class Lane:
 
 
 @dataclass(frozen=True)
-class LaneCenter(Anonymous):
+class LaneCenter(PermutationInvariant):
     """`w * offset^2`: squared distance to the lane's centre line (paper, section VI-B)."""
 
     lane: Lane
     weight: Weight = 1.0
 
-    def inner(
+    def residual(
         self, i: int, t: StageNumber, x: States, u: Controls, theta: Theta
     ) -> Float[Array, "1"]:
         return jnp.reshape(self.lane.offset(x[i][:2]), (1,))
 
-    def outer(self, value: Float[Array, "1"], theta: Theta) -> Scalar:
+    def loss(self, value: Float[Array, "1"], theta: Theta) -> Scalar:
         return weight_value(self.weight, theta) * jnp.sum(value**2)
 
     def __call__(self, i: int, t: StageNumber, x: States, u: Controls, theta: Theta) -> Scalar:
-        return self.outer(self.inner(i, t, x, u, theta), theta)
+        return self.loss(self.residual(i, t, x, u, theta), theta)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from foresight_env.games.anonymous import Anonymous
 from foresight_env.games.costs import Weight, weight_value
+from foresight_env.games.permutation import PermutationInvariant
 from foresight_env.games.types import Controls, Scalar, StageNumber, States, Theta
 
 
 @dataclass(frozen=True)
-class Steering(Anonymous):
+class Steering(PermutationInvariant):
     """`w_a * acceleration^2 + w_s * (steering - wanted)^2`, the two controls of a `Vehicle`.
 
     `wanted`: the steering angle (rad) or curvature (1/m) that it would keep.

@@ -15,7 +15,7 @@ from foresight_env.highway import networks
 from foresight_env.highway.ranges import DrivingRanges
 from foresight_env.highway.routes import SPACING, LaneIndex, Leg, path_along
 from foresight_env.scenarios.driving import COLLISION_DISTANCE, COLLISION_WEIGHT, player_theta
-from foresight_env.scenarios.situation import Situation
+from foresight_env.scenarios.episode_parameters import EpisodeParameters
 
 MOST_CARS = 6
 LEAST_CARS = 2
@@ -51,7 +51,7 @@ class DrivingScene:
     """Of the picture, in our axes, m."""
     half_width: float
     collision_distance: float = COLLISION_DISTANCE
-    """Between discs of two cars, below which both pay (`BodyGap`), m."""
+    """Between discs of two cars, below which both pay (`FootprintProximity`), m."""
     collision_weight: float = COLLISION_WEIGHT
     """Price of a squared metre below it."""
 
@@ -77,7 +77,7 @@ def draw_driving(
     scene: DrivingScene,
     cars: int,
     ranges: DrivingRanges = DrivingRanges(),
-) -> Situation:
+) -> EpisodeParameters:
     """Draw initial states, target speeds and discount factors around a scene's journeys."""
     shifts = random.uniform(-ranges.along, ranges.along, cars)
     speeds = random.uniform(-ranges.speed, ranges.speed, (cars, 2))
@@ -96,7 +96,7 @@ def draw_driving(
                 collision_distance=scene.collision_distance,
             )
         )
-    return Situation(states, tuple(thetas), gamma)
+    return EpisodeParameters(states, tuple(thetas), gamma)
 
 
 def _over(begin: str, end: str, start: float) -> tuple[Leg, ...]:

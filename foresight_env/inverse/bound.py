@@ -15,7 +15,7 @@ from foresight_env.equilibrium.checks.validation import check_parameters
 from foresight_env.equilibrium.conditions.kkt import Parameters
 from foresight_env.equilibrium.conditions.layout import layout_of
 from foresight_env.equilibrium.newton.implicit import equilibrium
-from foresight_env.equilibrium.newton.interior_point import Options
+from foresight_env.equilibrium.newton.interior_point import SolverOptions
 from foresight_env.equilibrium.newton.start import begin
 from foresight_env.equilibrium.status import SolveError, Status
 from foresight_env.games.game import Game
@@ -46,11 +46,11 @@ def _jacobians(
     result = equilibrium(problem.layout, problem.options, parameters, start)
     first, rest = solution_jacobian(problem, result, parameters, values)
 
-    def along(dx0: Array, dx: Array) -> Array:
+    def along(initial_change: Array, dx: Array) -> Array:
         return jax.jvp(
             lambda a, b: predicted(problem, a, b, count),
-            (parameters.x0, result.point.x),
-            (dx0, dx),
+            (parameters.initial_state, result.point.x),
+            (initial_change, dx),
         )[1].ravel()
 
     seen = jax.vmap(along)(first, rest.x)
@@ -67,7 +67,7 @@ def cramer_rao(
     gamma: Any,
     free: Free | Sequence[Free] = Free(),
     count: int | None = None,
-    options: Options = Options(),
+    options: SolverOptions = SolverOptions(),
 ) -> CramerRao:
     """Cramer-Rao bound from the exact Jacobian of the equilibrium at the true parameters.
 

@@ -69,7 +69,7 @@ class Coordinates:
             raise ValueError(f"free: has {len(each)} entries; expected one per player, {count}")
         for i, f in enumerate(each):
             for name in f.theta:
-                if name in ("gamma", "x0"):
+                if name in ("gamma", "initial_state"):
                     raise ValueError(
                         f"free[{i}].theta: {name!r} is what estimates call a discount factor or an "
                         "initial state; rename that entry of theta"
@@ -98,7 +98,10 @@ class Coordinates:
         for i, names in enumerate(self.sizes):
             parts += [xp.ravel(xp.asarray(parameters.theta[i][name])) for name, _ in names]
             own = self.layout.state_slices[i]
-            parts += [xp.asarray(parameters.gamma[i : i + 1]), xp.asarray(parameters.x0[own])]
+            parts += [
+                xp.asarray(parameters.gamma[i : i + 1]),
+                xp.asarray(parameters.initial_state[own]),
+            ]
         return xp.concatenate(parts)
 
     def unpack(self, values: Float[Array, "p"], parameters: Parameters) -> Parameters:
@@ -118,14 +121,14 @@ class Coordinates:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """One name per entry, such as `goal[0] of 1`, `gamma of 0`, `x0[2] of 1`."""
+        """One name per entry, such as `goal[0] of 1`, `gamma of 0`, `initial_state[2] of 1`."""
         out: list[str] = []
         for i, names in enumerate(self.sizes):
             for name, shape in names:
                 many = [f"{name}[{k}] of {i}" for k in range(_size(shape))]
                 out += many if shape else [f"{name} of {i}"]
             out.append(f"gamma of {i}")
-            out += [f"x0[{k}] of {i}" for k in range(self.layout.game.state_sizes[i])]
+            out += [f"initial_state[{k}] of {i}" for k in range(self.layout.game.state_sizes[i])]
         return tuple(out)
 
     @property

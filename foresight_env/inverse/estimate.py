@@ -15,7 +15,7 @@ from foresight_env.equilibrium.checks.validation import check_parameters
 from foresight_env.equilibrium.conditions.kkt import Iterate, Parameters
 from foresight_env.equilibrium.conditions.layout import layout_of
 from foresight_env.equilibrium.newton.implicit import Equilibrium
-from foresight_env.equilibrium.newton.interior_point import Options
+from foresight_env.equilibrium.newton.interior_point import SolverOptions
 from foresight_env.equilibrium.newton.start import Start, from_controls
 from foresight_env.equilibrium.solve import Solution, check_guess, to_solution
 from foresight_env.equilibrium.status import Status
@@ -121,7 +121,7 @@ def _finish(problem: Problem, data: Data, base: Parameters, fit: Fit) -> tuple[A
     )
     solution = to_solution(layout, raw, parameters)
     covariance, determined = laplace(problem, data, fit)
-    first = jax.jacfwd(lambda v: coordinates.unpack(v, base).x0)(fit.values)
+    first = jax.jacfwd(lambda v: coordinates.unpack(v, base).initial_state)(fit.values)
     rates = jnp.concatenate([first[None], jnp.moveaxis(fit.rates.x, 0, 2)])
     return parameters, solution, covariance, determined, rates
 
@@ -156,9 +156,9 @@ def estimate(
     method: GaussNewton | GradientDescent = GaussNewton(),
     starts: MultiStart = MultiStart(),
     profile: Profile | None = None,
-    guess: Solution | None = None,
-    guess_rates: Rates | None = None,
-    options: Options = Options(),
+    initial_guess: Solution | None = None,
+    initial_guess_rates: Rates | None = None,
+    options: SolverOptions = SolverOptions(),
 ) -> Estimate:
     """Estimate what `free` names from noisy, possibly partial observations.
 
@@ -178,9 +178,9 @@ def estimate(
         profile: find intervals of the discount factors by profile likelihood (always by
             Gauss-Newton), typically at two to six times the forward solves of the estimate alone
             and more where better fits are met on the way, which replace it.
-        guess: solution of a similar game to start from; by default a trajectory that follows the
+        initial_guess: solution of a similar game to start from; by default a trajectory that follows the
             observations.
-        guess_rates: how `guess` changes with the free parameters; the search then begins where a
+        initial_guess_rates: how `initial_guess` changes with the free parameters; the search then begins where a
             step on them leads, before any game is solved.
         options: forward-solver settings.
 
@@ -196,7 +196,7 @@ def estimate(
         method=(method, GaussNewton, GradientDescent),
         starts=(starts, MultiStart),
         profile=(profile, Profile, type(None)),
-        options=(options, Options),
+        options=(options, SolverOptions),
     )
     layout = layout_of(game)
     parameters = check_parameters(game, initial_state, theta, gamma, "initial_state")
@@ -206,10 +206,10 @@ def estimate(
     if not 1 <= starts.count <= MOST_STARTS:
         raise ValueError(f"starts.count: is {starts.count}; expected 1 to {MOST_STARTS}")
     values, whiten = check_observations(layout, model, observations, covariance)
-    warm = check_guess(layout, guess)
+    warm = check_guess(layout, initial_guess)
     if not (warm is None or isinstance(warm, Iterate)):
-        raise ValueError(f"guess: is a {type(guess).__name__}; expected a Solution")
-    check_rates(layout, guess_rates, warm is not None, int(chosen.sum()))
+        raise ValueError(f"initial_guess: is a {type(initial_guess).__name__}; expected a Solution")
+    check_rates(layout, initial_guess_rates, warm is not None, int(chosen.sum()))
     with jax.enable_x64(True):
         problem = Problem(layout, coordinates, model, options)
         begin = np.asarray(coordinates.pack(parameters))
@@ -217,8 +217,8 @@ def estimate(
         limits = coordinates.limits(free, chosen)
         check_start(coordinates, begin, *limits)
         data = Data(values, whiten, mean, root, chosen.astype(float), *limits)
-        if guess_rates is not None and isinstance(warm, Iterate):
-            begin = _stepped(problem, data, parameters, begin, warm, guess_rates, chosen)
+        if initial_guess_rates is not None and isinstance(warm, Iterate):
+            begin = _stepped(problem, data, parameters, begin, warm, initial_guess_rates, chosen)
         initial = starts.spread(begin, coordinates.is_gamma & chosen, limits)
         padded = np.pad(initial, ((0, MOST_STARTS - len(initial)), (0, 0)), mode="edge")
         point = _tracked(problem, data, parameters) if warm is None else warm
@@ -249,7 +249,7 @@ def estimate(
     return Estimate(
         found.theta,
         found.gamma,
-        tuple(found.x0[s] for s in layout.state_slices),
+        tuple(found.initial_state[s] for s in layout.state_slices),
         solution,
         fit.cost,
         names,

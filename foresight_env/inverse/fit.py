@@ -17,7 +17,7 @@ from jaxtyping import Array, Bool, Float, Int
 from foresight_env.equilibrium.conditions.kkt import Iterate, Parameters
 from foresight_env.equilibrium.conditions.layout import Layout
 from foresight_env.equilibrium.newton.implicit import Equilibrium, equilibrium, solution_tangent
-from foresight_env.equilibrium.newton.interior_point import Options
+from foresight_env.equilibrium.newton.interior_point import SolverOptions
 from foresight_env.equilibrium.newton.start import Start
 from foresight_env.games.observations import ObservationModel
 from foresight_env.games.types import AnyArray, Scalar
@@ -48,7 +48,7 @@ class Problem:
     layout: Layout
     coordinates: Coordinates
     model: ObservationModel
-    options: Options
+    options: SolverOptions
 
 
 class Fit(NamedTuple):
@@ -67,15 +67,19 @@ class Fit(NamedTuple):
     """Newton steps of the solve."""
 
 
-def predicted(problem: Problem, x0: AnyArray, x: Float[Array, "T n"], count: int) -> Array:
+def predicted(
+    problem: Problem, initial_state: AnyArray, x: Float[Array, "T n"], count: int
+) -> Array:
     """`h(x_1), ..., h(x_count)`."""
-    states = jnp.concatenate([x0[None], x])[:count]
+    states = jnp.concatenate([initial_state[None], x])[:count]
     return jax.vmap(lambda s: problem.model(problem.layout.split_states(s)))(states)
 
 
-def residuals(problem: Problem, data: Data, values: Array, x0: AnyArray, x: Array) -> Array:
+def residuals(
+    problem: Problem, data: Data, values: Array, initial_state: AnyArray, x: Array
+) -> Array:
     """Whitened observation errors, then the prior's."""
-    errors = predicted(problem, x0, x, data.values.shape[0]) - data.values
+    errors = predicted(problem, initial_state, x, data.values.shape[0]) - data.values
     seen = jnp.einsum("kij,kj->ki", data.whiten, errors)
     return jnp.concatenate([seen.ravel(), data.prior_root @ (values - data.prior_mean)])
 
@@ -91,10 +95,12 @@ def evaluate_fit(
     """Solve the game at `values` (from `start`) and differentiate the residuals."""
     parameters = problem.coordinates.unpack(values, base)
     result = equilibrium(problem.layout, problem.options, parameters, start)
-    residual = residuals(problem, data, values, parameters.x0, result.point.x)
+    residual = residuals(problem, data, values, parameters.initial_state, result.point.x)
     first, rates = solution_jacobian(problem, result, base, values)
     moving = (first, rates.x)
-    jacobian = residual_jacobian(problem, data, values, parameters.x0, result.point.x, moving)
+    jacobian = residual_jacobian(
+        problem, data, values, parameters.initial_state, result.point.x, moving
+    )
     jacobian = jacobian * data.free
     cost = jnp.where(result.success, jnp.sum(residual**2), jnp.inf)
     end = (result.error, result.success, result.iterations)
@@ -107,7 +113,7 @@ def unevaluated(
     """A fit of infinite cost at `start`, from which loops begin."""
     # The shapes are told here: to ask `evaluate_fit` for them would trace it a second time.
     point = start.point
-    residual = jnp.zeros_like(residuals(problem, data, values, base.x0, point.x))
+    residual = jnp.zeros_like(residuals(problem, data, values, base.initial_state, point.x))
     rates = jax.tree.map(lambda v: jnp.zeros((values.size, *v.shape), v.dtype), point)
     jacobian = jnp.zeros((residual.size, values.size), residual.dtype)
     infinite = jnp.asarray(jnp.inf)
@@ -125,7 +131,7 @@ def solution_jacobian(
         parameters, change = jax.jvp(
             lambda v: problem.coordinates.unpack(v, base), (values,), (direction,)
         )
-        return change.x0, solution_tangent(layout, options, result, parameters, change)
+        return change.initial_state, solution_tangent(layout, options, result, parameters, change)
 
     return jax.vmap(along)(jnp.eye(values.shape[0]))
 
@@ -146,15 +152,17 @@ def residual_jacobian(
     problem: Problem,
     data: Data,
     values: Array,
-    x0: AnyArray,
+    initial_state: AnyArray,
     x: Array,
     rates: tuple[Array, Array],
 ) -> Float[Array, "r p"]:
     """Chain rule from trajectories to residuals."""
 
-    def along(direction: Array, dx0: Array, dx: Array) -> Array:
+    def along(direction: Array, initial_change: Array, dx: Array) -> Array:
         return jax.jvp(
-            lambda v, a, b: residuals(problem, data, v, a, b), (values, x0, x), (direction, dx0, dx)
+            lambda v, a, b: residuals(problem, data, v, a, b),
+            (values, initial_state, x),
+            (direction, initial_change, dx),
         )[1]
 
     return jax.vmap(along)(jnp.eye(values.shape[0]), *rates).T

@@ -62,12 +62,12 @@ class GaussNewton:
     """Complementarity products of the games that are fitted first. Their solutions pass smoothly
     from one active set to another, so that steps can be long and fewer local minima are in the
     way; each fit is where the next one begins. Takes at most a quarter of `max_iterations` each;
-    left out where the caller has a guess."""
+    left out where the caller has an initial guess."""
 
     give_up: float | Scalar = np.inf
-    """Cost of the first game above which a search from a caller's guess ends with it."""
+    """Cost of the first game above which a search from a caller's initial guess ends with it."""
     hurried: bool | Bool[Array, ""] = False
-    """Whether all games get but the Newton steps of a trial (`Options.trial_steps`), the first one
+    """Whether all games get but the Newton steps of a trial (`SolverOptions.trial_steps`), the first one
     too."""
 
     def __post_init__(self) -> None:

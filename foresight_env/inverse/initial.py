@@ -1,4 +1,4 @@
-"""A first guess of the state from the first observations, for starting an estimate."""
+"""A first initial guess of the state from the first observations, for starting an estimate."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class NeverSeenError(ValueError):
     """Some agent has not a single observation."""
 
 
-def guess_initial_states(
+def guess_initial_state(
     game: Game, model: ObservationModel, observations: Float[np.ndarray, "K size"]
 ) -> tuple[Float[np.ndarray, "_"], ...]:
     """Per-player `x_1` from observations whose entries are the leading ones of each player's state.

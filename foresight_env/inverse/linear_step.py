@@ -45,9 +45,11 @@ def linear_step(
     parameters that are not estimated.
     """
     moves = jnp.moveaxis(states, 2, 0)
-    residual = residuals(problem, data, values, base.x0, point.x)
+    residual = residuals(problem, data, values, base.initial_state, point.x)
     # The chain rule is linear: in directions of the earlier fit's parameters, that is `carry`.
-    plain = residual_jacobian(problem, data, values, base.x0, point.x, (moves[:, 0], moves[:, 1:]))
+    plain = residual_jacobian(
+        problem, data, values, base.initial_state, point.x, (moves[:, 0], moves[:, 1:])
+    )
     seen = residual.size - data.prior_root.shape[0]
     jacobian = jnp.concatenate([plain[:seen], data.prior_root @ carry])
     step = damped_step(

@@ -16,7 +16,7 @@ from jaxtyping import Array, Float
 from foresight_env.equilibrium.conditions.kkt import Parameters
 from foresight_env.equilibrium.conditions.layout import layout_of
 from foresight_env.equilibrium.newton.implicit import Equilibrium, equilibrium
-from foresight_env.equilibrium.newton.interior_point import Options
+from foresight_env.equilibrium.newton.interior_point import SolverOptions
 from foresight_env.equilibrium.newton.start import begin
 from foresight_env.games.costs import Effort
 from foresight_env.games.game import Game
@@ -55,7 +55,7 @@ EFFORT = 0.1
 
 
 def track(problem: Problem, data: Data, parameters: Parameters) -> Float[Array, "T m"]:
-    """Controls of the trajectory from `parameters.x0` that follows the observations."""
+    """Controls of the trajectory from `parameters.initial_state` that follows the observations."""
     game = problem.layout.game
     layout = layout_of(tracking_game(game, problem.model))
     count = data.values.shape[0] - 1
@@ -68,8 +68,8 @@ def track(problem: Problem, data: Data, parameters: Parameters) -> Float[Array, 
         "effort": jnp.asarray(EFFORT),
     }
     everyone = len(game.players)
-    same = Parameters(parameters.x0, (theta,) * everyone, jnp.ones(everyone))
-    loose = Options(tolerance=1e-4, barrier=1e-4)
+    same = Parameters(parameters.initial_state, (theta,) * everyone, jnp.ones(everyone))
+    loose = SolverOptions(tolerance=1e-4, barrier=1e-4)
     start = begin(layout, loose, same, None)
     found: Equilibrium = equilibrium(layout, loose, same, start)
     usable = jnp.isfinite(found.error)

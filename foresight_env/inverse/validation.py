@@ -72,16 +72,18 @@ def check_observations(
 
 
 def check_rates(layout: Layout, rates: Rates | None, guessed: bool, count: int) -> None:
-    """Raise `ValueError` where rates are another game's, or of no guess; `count`: free ones."""
+    """Raise `ValueError` where rates are another game's, or of no initial guess; `count`: free ones."""
     if rates is None:
         return
     if not guessed:
-        raise ValueError("guess_rates: says how `guess` changes; expected with a guess only")
+        raise ValueError(
+            "initial_guess_rates: says how `initial_guess` changes; expected with an initial guess only"
+        )
     shapes = (np.shape(rates.states), np.shape(rates.carry))
     wanted = ((layout.game.horizon + 1, layout.n, count), (count, count))
     if shapes != wanted:
         raise ValueError(
-            f"guess_rates: has states {shapes[0]} and carry {shapes[1]}; expected {wanted[0]} and "
+            f"initial_guess_rates: has states {shapes[0]} and carry {shapes[1]}; expected {wanted[0]} and "
             f"{wanted[1]}"
         )
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from foresight_env.equilibrium.newton.interior_point import Options
+from foresight_env.equilibrium.newton.interior_point import SolverOptions
 from foresight_env.equilibrium.solve import Solution, shift
 from foresight_env.equilibrium.status import Status
 from foresight_env.games.game import Game
@@ -29,7 +29,7 @@ class WindowFit:
     game: Game
     model: ObservationModel
     free: Free | Sequence[Free]
-    options: Options
+    options: SolverOptions
     observations: Float[np.ndarray, "W size"]
     """NaN where missing or yet to come."""
     covariance: Float[np.ndarray, "W size size"]
@@ -42,7 +42,7 @@ class WindowFit:
         self,
         method: GaussNewton,
         starts: int = 1,
-        guess: Solution | None = None,
+        initial_guess: Solution | None = None,
         rates: Rates | None = None,
     ) -> Estimate:
         """Fit from a similar game's solution, or afresh."""
@@ -58,8 +58,8 @@ class WindowFit:
             prior=self.prior,
             method=method,
             starts=MultiStart(starts),
-            guess=guess,
-            guess_rates=rates,
+            initial_guess=initial_guess,
+            initial_guess_rates=rates,
             options=self.options,
         )
 
@@ -74,8 +74,8 @@ class WindowFit:
         seen = int(np.sum(~np.isnan(self.observations)))
         return max(seen - len(found.names), seen // 4, 1)
 
-    def misfit(self, found: Estimate | None) -> float:
-        """See `OnlineState.misfit`; infinite where a fit cannot be used."""
+    def reduced_chi_squared(self, found: Estimate | None) -> float:
+        """See `MovingHorizonState.reduced_chi_squared`; infinite where a fit cannot be used."""
         if found is None:
             return np.inf
         return max(1.0, self.cost(found) / self.freedom(found))
@@ -100,6 +100,6 @@ def moved_along(found: Estimate, sliding: bool) -> Estimate:
 def rates_of(moved: Estimate) -> Rates:
     """How such an estimate changes with its `values`."""
     carry = np.eye(len(moved.names))
-    is_state = np.array([name.startswith("x0[") for name in moved.names])
+    is_state = np.array([name.startswith("initial_state[") for name in moved.names])
     carry[is_state] = moved.state_jacobian[0]
     return Rates(moved.state_jacobian, carry)

@@ -13,19 +13,19 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from foresight_env.games.anonymous import Anonymous
 from foresight_env.games.constraints import (
     Bounds,
     Inequality,
-    KeepAllApart,
-    KeepApart,
+    MinimumDistance,
     SharedInequality,
+    SharedMinimumDistance,
 )
 from foresight_env.games.costs import Effort, Goal, SquaredDistanceHinge
 from foresight_env.games.dynamics import DoubleIntegrator
 from foresight_env.games.game import Game, Player
+from foresight_env.games.permutation import PermutationInvariant
 from foresight_env.games.types import Controls, Scalar, StageNumber, States, Theta
-from foresight_env.scenarios.situation import Situation
+from foresight_env.scenarios.episode_parameters import EpisodeParameters
 
 DT = 0.1
 HORIZON = 25
@@ -49,7 +49,7 @@ Proximity = Literal["soft", "hard", "reference"]
 
 
 @dataclass(frozen=True)
-class ReferenceProximity(Anonymous):
+class ReferenceProximity(PermutationInvariant):
     """The reference implementation's collision cost: at `x_t` instead of `x_{t+1}`, t = 1..T.
 
     `x_1` is given, so what remains is a cost of `x_2..x_T` and none of the last state.
@@ -58,16 +58,16 @@ class ReferenceProximity(Anonymous):
     horizon: int
     cost: SquaredDistanceHinge
 
-    def inner(
+    def residual(
         self, i: int, t: StageNumber, x: States, u: Controls, theta: Theta
     ) -> Float[Array, "others"]:
-        return jnp.where(t < self.horizon, self.cost.inner(i, t, x, u, theta), -1.0)
+        return jnp.where(t < self.horizon, self.cost.residual(i, t, x, u, theta), -1.0)
 
-    def outer(self, value: Float[Array, "others"], theta: Theta) -> Scalar:
-        return self.cost.outer(value, theta)
+    def loss(self, value: Float[Array, "others"], theta: Theta) -> Scalar:
+        return self.cost.loss(value, theta)
 
     def __call__(self, i: int, t: StageNumber, x: States, u: Controls, theta: Theta) -> Scalar:
-        return self.outer(self.inner(i, t, x, u, theta), theta)
+        return self.loss(self.residual(i, t, x, u, theta), theta)
 
 
 def player_theta(
@@ -106,9 +106,9 @@ def crosswalk_game(
     shared: tuple[SharedInequality, ...] = ()
     threshold = MARGIN * MINIMUM_DISTANCE
     if players > 1 and proximity == "soft":
-        inequalities = (Inequality(KeepApart(threshold), players - 1, "collision_weight"),)
+        inequalities = (Inequality(MinimumDistance(threshold), players - 1, "collision_weight"),)
     elif players > 1 and proximity == "hard":
-        shared = (SharedInequality(KeepAllApart(threshold), players * (players - 1) // 2),)
+        shared = (SharedInequality(SharedMinimumDistance(threshold), players * (players - 1) // 2),)
     elif players > 1:
         hinge = SquaredDistanceHinge(REFERENCE_DISTANCE, "collision_weight")
         undiscounted = (ReferenceProximity(horizon, hinge),)
@@ -128,7 +128,7 @@ def crosswalk_game(
 class Setting(NamedTuple):
     """Initial states, goals and discount factors of one crossing."""
 
-    initial_states: Float[np.ndarray, "N 4"]
+    initial_state: Float[np.ndarray, "N 4"]
     goals: Float[np.ndarray, "N 2"]
     gamma: Float[np.ndarray, "N"]
 
@@ -183,10 +183,10 @@ class Ranges(NamedTuple):
 
 def draw_crossing(
     random: np.random.Generator, players: int, ranges: Ranges = Ranges()
-) -> Situation:
+) -> EpisodeParameters:
     """Draw initial states, goals, weights and discount factors around `nominal_setting`."""
     nominal = nominal_setting(players)
-    states = nominal.initial_states.copy()
+    states = nominal.initial_state.copy()
     states[:, :2] += random.uniform(-ranges.start, ranges.start, (players, 2))
     goals = nominal.goals + random.uniform(-ranges.goal, ranges.goal, (players, 2))
     gamma = random.uniform(*ranges.gamma, players)
@@ -196,4 +196,4 @@ def draw_crossing(
         player_theta(goals[i], control_weight=control[i], collision_weight=collision[i])
         for i in range(players)
     )
-    return Situation(states, theta, gamma)
+    return EpisodeParameters(states, theta, gamma)

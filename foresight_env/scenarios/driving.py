@@ -14,7 +14,7 @@ from foresight_env.games.costs import TargetSpeed
 from foresight_env.games.dynamics import SlipBicycle
 from foresight_env.games.game import Game, Player
 from foresight_env.games.kinds import SIMULATED_CAR
-from foresight_env.games.paths import BodyGap, InLane, PathFollowing
+from foresight_env.games.paths import FootprintProximity, LaneBounds, PathFollowing
 from foresight_env.games.steering import Steering
 
 DT = 0.1
@@ -86,9 +86,9 @@ def driving_game(
             PathFollowing("path_weight"),
             TargetSpeed("target_speed", "speed_weight"),
             Steering("control_weight", "steering_weight"),
-            *((BodyGap("collision_distance", "collision_weight"),) if cars > 1 else ()),
+            *((FootprintProximity("collision_distance", "collision_weight"),) if cars > 1 else ()),
         ),
-        inequalities=(Inequality(InLane(LANE_HALF_WIDTH), 2, LANE_PENALTY),),
+        inequalities=(Inequality(LaneBounds(LANE_HALF_WIDTH), 2, LANE_PENALTY),),
         state_bounds=Bounds.box(
             (-infinite, -infinite, 0.0, -infinite), (infinite, infinite, SPEED_LIMIT, infinite), 4
         ),

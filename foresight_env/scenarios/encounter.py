@@ -13,12 +13,12 @@ from typing import Any
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from foresight_env.games.anonymous import Anonymous
 from foresight_env.games.constraints import Bounds
 from foresight_env.games.costs import Effort, TargetSpeed, Weight, distances, weight_value
 from foresight_env.games.dynamics import CurvatureVehicle, DoubleIntegrator
 from foresight_env.games.game import Game, Player
 from foresight_env.games.kinds import is_vehicle
+from foresight_env.games.permutation import PermutationInvariant
 from foresight_env.games.steering import Steering
 from foresight_env.games.types import Controls, Scalar, StageNumber, States, Theta
 from foresight_env.games.vectors import squared_length
@@ -51,7 +51,7 @@ def wanted_distance(kind: str, other: str) -> float:
 
 
 @dataclass(frozen=True)
-class Cruise(Anonymous):
+class Cruise(PermutationInvariant):
     """`w * ||v - velocity||^2` with the wanted velocity (2,) in `theta`, m/s."""
 
     weight: Weight
@@ -63,24 +63,24 @@ class Cruise(Anonymous):
 
 
 @dataclass(frozen=True)
-class Crowding(Anonymous):
+class Crowding(PermutationInvariant):
     """`w * sum_j max(0, d_ij - ||p_i - p_j||)^2`, `d_ij` the distance that i wants of j."""
 
     wanted: tuple[tuple[float, ...], ...]
     weight: Weight
 
-    def inner(
+    def residual(
         self, i: int, t: StageNumber, x: States, u: Controls, theta: Theta
     ) -> Float[Array, "others"]:
         return jnp.asarray(self._of_others(i)) - distances(i, x)
 
-    def outer(self, value: Float[Array, "others"], theta: Theta) -> Scalar:
+    def loss(self, value: Float[Array, "others"], theta: Theta) -> Scalar:
         return weight_value(self.weight, theta) * jnp.sum(jnp.maximum(value, 0.0) ** 2)
 
     def __call__(self, i: int, t: StageNumber, x: States, u: Controls, theta: Theta) -> Scalar:
-        return self.outer(self.inner(i, t, x, u, theta), theta)
+        return self.loss(self.residual(i, t, x, u, theta), theta)
 
-    def tells_apart(self, i: int, j: int) -> bool:
+    def distinguishes(self, i: int, j: int) -> bool:
         """Whether they want other distances of the others."""
         return self._of_others(i) != self._of_others(j)
 

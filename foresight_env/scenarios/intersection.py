@@ -19,12 +19,12 @@ from foresight_env.games.dynamics import DoubleIntegrator, KinematicBicycle
 from foresight_env.games.game import Game, Player
 from foresight_env.games.kinds import is_vehicle, kind_of
 from foresight_env.games.roads import (
-    BesideRoads,
     Circle,
     Lane,
     LaneCenter,
     OutsideCircles,
     Point,
+    RoadBoundary,
     RoadSide,
 )
 
@@ -159,7 +159,7 @@ def _region_constraints(
         outside = OutsideCircles(region.corners, shrink)
         found.append(Inequality(outside, len(region.corners), penalty))
     if region.sides and not walks:
-        found.append(Inequality(BesideRoads(region.sides), len(region.sides), penalty))
+        found.append(Inequality(RoadBoundary(region.sides), len(region.sides), penalty))
     return tuple(found)
 
 
@@ -169,7 +169,7 @@ class Setting(NamedTuple):
     kinds: tuple[str, ...]
     lanes: tuple[Lane | None, ...]
     region: Region
-    initial_states: Float[np.ndarray, "N 4"]
+    initial_state: Float[np.ndarray, "N 4"]
     """`[px, py, vx, vy]` of pedestrians, `[px, py, v, psi]` of cars."""
     goals: Float[np.ndarray, "N 2"]
 

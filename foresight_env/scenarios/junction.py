@@ -21,13 +21,13 @@ from foresight_env.scenarios.aachen import (
     AACHEN_REGION,
     AACHEN_TURNING,
 )
+from foresight_env.scenarios.episode_parameters import EpisodeParameters
 from foresight_env.scenarios.intersection import (
     DT,
     Region,
     intersection_game,
     player_theta,
 )
-from foresight_env.scenarios.situation import Situation
 
 MOST = 4
 """Of pedestrians and of cars."""
@@ -55,12 +55,12 @@ LANES = (AACHEN_TURNING, AACHEN_FOLLOWING, _SOUTH, _WEST)
 """Of the cars in their order: into the western arm, straight on from the north, from the south, and
 from the west."""
 _PEDESTRIANS = np.concatenate(
-    [AACHEN.initial_states[:2], [(-17.5, 75.0, -0.3, -1.3), (-20.5, 56.5, 0.2, 1.3)]]
+    [AACHEN.initial_state[:2], [(-17.5, 75.0, -0.3, -1.3), (-20.5, 56.5, 0.2, 1.3)]]
 )
 _PEDESTRIAN_GOALS = np.array([(-18.3, 78.5), (-17.3, 79.0), (-20.5, 55.5), (-18.0, 76.0)])
 """On the pavements: who stopped on the road would be in the way of the cars that follow."""
 _CARS = np.concatenate(
-    [AACHEN.initial_states[2:], [(-12.1, 49.0, 6.0, _SOUTH.angle), (-31.0, 60.9, 5.0, 0.0)]]
+    [AACHEN.initial_state[2:], [(-12.1, 49.0, 6.0, _SOUTH.angle), (-31.0, 60.9, 5.0, 0.0)]]
 )
 _CAR_GOALS = np.array([(-33.0, 63.9), (-17.3, 43.0), (-7.4, 88.0), (3.0, 60.9)])
 
@@ -100,8 +100,8 @@ def draw_junction(
     pedestrians: int = 2,
     cars: int = 2,
     ranges: JunctionRanges = JunctionRanges(),
-) -> Situation:
-    """Draw initial states, goals, weights and discount factors around the published situation."""
+) -> EpisodeParameters:
+    """Draw initial states, goals, weights and discount factors around the published episode_parameters."""
     kinds = junction_kinds(pedestrians, cars)
     people, vehicles = _PEDESTRIANS[:pedestrians].copy(), _CARS[:cars].copy()
     people[:, :2] += random.uniform(-ranges.place, ranges.place, (pedestrians, 2))
@@ -123,4 +123,4 @@ def draw_junction(
         )
         for kind, goal, weight in zip(kinds, goals, weights, strict=True)
     )
-    return Situation(np.concatenate([people, vehicles]), theta, gamma)
+    return EpisodeParameters(np.concatenate([people, vehicles]), theta, gamma)

@@ -62,7 +62,7 @@ def random_costs(random, coupling=0.3):
     return tuple(costs)
 
 
-def open_loop_nash(x0, theta, weights):
+def open_loop_nash(initial_state, theta, weights):
     """States (T, n) and controls (T, m) from the players' stacked linear KKT system.
 
     Plain Lagrangians with absolute weights `Gamma^i(t)` and multipliers of the dynamics, solved
@@ -90,7 +90,7 @@ def open_loop_nash(x0, theta, weights):
         if t:
             big[p, at - size : at - size + N] = joint_a
         else:
-            right[p] = -joint_a @ x0
+            right[p] = -joint_a @ initial_state
     stages = np.linalg.solve(big, right).reshape(HORIZON, size)
     return stages[:, :N], stages[:, N : N + M]
 
@@ -99,10 +99,10 @@ def open_loop_nash(x0, theta, weights):
 @pytest.mark.parametrize("seed", [0, 1])
 def test_linear_quadratic_games_have_their_closed_form(gamma, seed):
     random = np.random.default_rng(seed)
-    theta, x0 = random_costs(random), random.normal(size=N)
+    theta, initial_state = random_costs(random), random.normal(size=N)
     weights = [g ** np.arange(1, HORIZON + 1) for g in gamma]
-    x, u = open_loop_nash(x0, theta, weights)
-    found = solve(quadratic_game(), (x0[:2], x0[2:]), theta, gamma)
+    x, u = open_loop_nash(initial_state, theta, weights)
+    found = solve(quadratic_game(), (initial_state[:2], initial_state[2:]), theta, gamma)
     assert found.status == Status.SOLVED
     np.testing.assert_allclose(np.concatenate(found.states, 1)[1:], x, atol=1e-6)
     np.testing.assert_allclose(np.concatenate(found.controls, 1), u, atol=1e-6)
@@ -110,12 +110,12 @@ def test_linear_quadratic_games_have_their_closed_form(gamma, seed):
 
 def test_every_player_discounts_in_its_own_way():
     random = np.random.default_rng(3)
-    theta, x0 = random_costs(random), random.normal(size=N)
+    theta, initial_state = random_costs(random), random.normal(size=N)
     t = np.arange(1, HORIZON + 1)
     weights = [1.0 / (1.0 + (1.0 / 0.4 - 1.0) * t), 0.8**t]
-    x, _ = open_loop_nash(x0, theta, weights)
+    x, _ = open_loop_nash(initial_state, theta, weights)
     game = quadratic_game((Hyperbolic(), Exponential()))
-    found = solve(game, (x0[:2], x0[2:]), theta, (0.4, 0.8))
+    found = solve(game, (initial_state[:2], initial_state[2:]), theta, (0.4, 0.8))
     assert found.status == Status.SOLVED
     np.testing.assert_allclose(np.concatenate(found.states, 1)[1:], x, atol=1e-6)
 
@@ -186,11 +186,11 @@ def known_point(multiplier, gamma, random):
     """
     a, b = matrices()
     shared_active, active = choose_active(random)
-    x0 = random.normal(size=N)
+    initial_state = random.normal(size=N)
     u = random.uniform(-0.8, 0.8, (HORIZON, M))
     at_limit = np.concatenate([active[0]["bound"], active[1]["bound"]], 1)
     u = np.where(at_limit, np.sign(u) * CONTROL_LIMIT, u)
-    x, before = np.zeros((HORIZON, N)), x0
+    x, before = np.zeros((HORIZON, N)), initial_state
     for t in range(HORIZON):
         for i in range(2):
             control = u[t, CONTROLS[i].start - N : CONTROLS[i].stop - N]
@@ -236,15 +236,17 @@ def known_point(multiplier, gamma, random):
             sx, su = STATES[i], CONTROLS[i]
             theta[i]["c"][t, sx] = q[t] - gamma[i] * a[i].T @ q[t + 1] - rest[t, sx]
             theta[i]["c"][t, su] = -b[i].T @ q[t] - rest[t, su]
-    return x0, theta, x, u
+    return initial_state, theta, x, u
 
 
 @pytest.mark.parametrize("multiplier", ["individual", "common"])
 @pytest.mark.parametrize("seed", range(4))
 def test_a_constructed_equilibrium_is_found(multiplier, seed):
     gamma = (0.9, 0.6)
-    x0, theta, x, u = known_point(multiplier, gamma, np.random.default_rng(seed))
-    found = solve(constrained_game(multiplier), (x0[:2], x0[2:]), theta, gamma)
+    initial_state, theta, x, u = known_point(multiplier, gamma, np.random.default_rng(seed))
+    found = solve(
+        constrained_game(multiplier), (initial_state[:2], initial_state[2:]), theta, gamma
+    )
     assert found.status == Status.SOLVED
     np.testing.assert_allclose(np.concatenate(found.controls, 1), u, atol=1e-6)
     np.testing.assert_allclose(np.concatenate(found.states, 1)[1:], x, atol=1e-6)

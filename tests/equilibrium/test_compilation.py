@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from foresight_env.equilibrium import Options
+from foresight_env.equilibrium import SolverOptions
 from foresight_env.equilibrium.checks.validation import check_parameters
 from foresight_env.equilibrium.conditions.layout import layout_of
 from foresight_env.equilibrium.conditions.pairs import pairs_of
@@ -47,11 +47,11 @@ def same(function, *arguments):
 def test_newton_steps(proximity, players):
     game = crosswalk_game(players, HORIZONS[-1], proximity)
     setting = nominal_setting(players)
-    layout, options = layout_of(game), Options()
+    layout, options = layout_of(game), SolverOptions()
     with jax.enable_x64(True):
         parameters = jax.tree.map(
             jnp.asarray,
-            check_parameters(game, setting.initial_states, setting.theta, setting.gamma),
+            check_parameters(game, setting.initial_state, setting.theta, setting.gamma),
         )
         pairs, point = pairs_of(layout), begin(layout, options, parameters, None).point
         exact = jnp.zeros(())
@@ -110,18 +110,18 @@ def check_stage_system(random, a, b, rows, equal_sizes):
     curvature = 0.1 * random.normal(size=(stages, w, w))
     rho, r_x = random.uniform(0.3, 1.0, (stages, n)), random.normal(size=(stages, n))
     r_u, defect = random.normal(size=(stages, m)), random.normal(size=(stages, n))
-    dx0 = random.normal(size=n)
+    initial_change = random.normal(size=n)
     with jax.enable_x64(True):
         arguments = jax.tree.map(jnp.asarray, (hessian, curvature, a, b, rho, r_x, r_u, defect))
 
         def solved(hessian, curvature, a, b, rho, r_x, r_u, defect):
             factor = factorise(StageSystem(hessian, curvature, a, b, rho), equal_sizes)
-            return solve_stages(factor, r_x, r_u, defect, jnp.asarray(dx0), m - rows)
+            return solve_stages(factor, r_x, r_u, defect, jnp.asarray(initial_change), m - rows)
 
         fast = jax.jit(solved, compiler_options=FAST)
         dx, first, others = (np.asarray(v) for v in fast(*arguments))
     du = np.concatenate([first, others], axis=1)
-    before = np.concatenate([dx0[None], dx[:-1]])
+    before = np.concatenate([initial_change[None], dx[:-1]])
     moved = np.einsum("tij,tj->ti", a, before) + np.einsum("tij,tj->ti", b, du) + defect
     np.testing.assert_allclose(dx, moved, atol=1e-10)
     q, later = np.zeros((stages, n)), np.zeros(n)

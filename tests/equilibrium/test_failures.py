@@ -8,11 +8,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from foresight_env.equilibrium import Options, SolveError, Status, shift, solve, solve_many
+from foresight_env.equilibrium import SolveError, SolverOptions, Status, shift, solve, solve_many
 from foresight_env.equilibrium.checks.validation import check_parameters
 from foresight_env.equilibrium.conditions.layout import layout_of
 from foresight_env.equilibrium.conditions.pairs import pairs_of
-from foresight_env.equilibrium.newton.attempts import attempt_count, attempt_rules
+from foresight_env.equilibrium.newton.phases import attempt_count, attempt_rules
 from foresight_env.equilibrium.newton.start import begin, begin_attempt
 from foresight_env.games import (
     Bounds,
@@ -74,14 +74,16 @@ def test_traced_invalid_input_is_a_status_of_its_instance_alone():
     starts[2, 1, 2] = 3.0  # beyond the speed limit
     with jax.enable_x64(True):
         status = jax.vmap(
-            lambda x0: solve(crossing("soft"), x0, crossing_theta(), CROSSING_GAMMA).status
+            lambda initial_state: (
+                solve(crossing("soft"), initial_state, crossing_theta(), CROSSING_GAMMA).status
+            )
         )(jnp.asarray(starts))
     expected = [Status.SOLVED, Status.INVALID_INPUT, Status.INVALID_INPUT]
     np.testing.assert_array_equal(np.asarray(status), expected)
 
 
-def attempt(game=None, x0=CROSSING_STATES, theta=None, gamma=0.9, **more):
-    solve(game or crossing("soft"), x0, theta or crossing_theta(), gamma, **more)
+def attempt(game=None, initial_state=CROSSING_STATES, theta=None, gamma=0.9, **more):
+    solve(game or crossing("soft"), initial_state, theta or crossing_theta(), gamma, **more)
 
 
 THETA = crossing_theta()
@@ -90,10 +92,13 @@ THETA = crossing_theta()
 @pytest.mark.parametrize(
     ("arguments", "named"),
     [
-        ({"x0": np.zeros((3, 4))}, "x0: has 3 states"),
-        ({"x0": (np.zeros(4), np.zeros(3))}, r"x0\[1\]: has shape \(3,\)"),
-        ({"x0": np.full((2, 4), np.nan)}, "x0: contains NaN"),
-        ({"x0": [[0.0, 0.0, 2.0, 0.0], [1.0, 0.0, 0.0, 0.0]]}, r"x0\[0\]: entry 2 is 2"),
+        ({"initial_state": np.zeros((3, 4))}, "initial_state: has 3 states"),
+        ({"initial_state": (np.zeros(4), np.zeros(3))}, r"initial_state\[1\]: has shape \(3,\)"),
+        ({"initial_state": np.full((2, 4), np.nan)}, "initial_state: contains NaN"),
+        (
+            {"initial_state": [[0.0, 0.0, 2.0, 0.0], [1.0, 0.0, 0.0, 0.0]]},
+            r"initial_state\[0\]: entry 2 is 2",
+        ),
         ({"theta": THETA[:1]}, "theta: expected 2 mappings"),
         ({"theta": ({**THETA[0], "goal": np.full(2, np.inf)}, THETA[1])}, "theta: contains NaN"),
         ({"theta": ({**THETA[0], "goal": "left"}, THETA[1])}, r"theta\['goal'\]: is not numeric"),
@@ -108,7 +113,10 @@ THETA = crossing_theta()
         ({"gamma": np.ones(3)}, r"gamma: has shape \(3,\)"),
         ({"gamma": [0.9, np.nan]}, "gamma: contains NaN"),
         ({"gamma": [0.9, -0.1]}, "gamma.1.: is -0.1; .*takes 0 to inf"),
-        ({"guess": (np.zeros((8, 2)), np.zeros((7, 2)))}, "guess: controls of shapes"),
+        (
+            {"initial_guess": (np.zeros((8, 2)), np.zeros((7, 2)))},
+            "initial_guess: controls of shapes",
+        ),
     ],
     ids=lambda v: next(iter(v)) if isinstance(v, dict) else "",
 )
@@ -120,9 +128,9 @@ def test_bad_arguments_are_named(arguments, named):
 def test_a_guess_for_another_horizon_is_refused():
     other = solve(crossing("soft", 1), CROSSING_STATES, THETA, 0.9)
     with pytest.raises(
-        ValueError, match=r"guess: solves another game: joint states have shape \(1"
+        ValueError, match=r"initial_guess: solves another game: joint states have shape \(1"
     ):
-        attempt(guess=other)
+        attempt(initial_guess=other)
 
 
 def vector_cost(i, t, x, u, theta):
@@ -182,9 +190,13 @@ def last_stage_capped():
 
 
 def test_a_shifted_guess_leaves_no_multiplier_where_there_is_no_bound():
-    game, x0, theta = last_stage_capped(), np.zeros((1, 4)), ({"goal": np.array([2.0, 0.0])},)
-    found = solve(game, x0, theta, 0.95)
-    again = solve(game, x0, theta, 0.95, guess=shift(found))
+    game, initial_state, theta = (
+        last_stage_capped(),
+        np.zeros((1, 4)),
+        ({"goal": np.array([2.0, 0.0])},),
+    )
+    found = solve(game, initial_state, theta, 0.95)
+    again = solve(game, initial_state, theta, 0.95, initial_guess=shift(found))
     assert found.status == again.status == Status.SOLVED
     np.testing.assert_allclose(again.controls[0], found.controls[0], atol=1e-7)
 
@@ -247,8 +259,8 @@ def test_starts_that_are_not_finite_end_in_batches_too():
 
 def test_a_guess_that_is_not_finite_is_refused():
     game, theta = Game((Player(DoubleIntegrator(0.2), (Goal(), Effort())),), 3), GOAL
-    with pytest.raises(ValueError, match="guess: contains NaN or infinity"):
-        solve(game, np.zeros((1, 4)), theta, 0.9, guess=(np.full((3, 2), np.nan),))
+    with pytest.raises(ValueError, match="initial_guess: contains NaN or infinity"):
+        solve(game, np.zeros((1, 4)), theta, 0.9, initial_guess=(np.full((3, 2), np.nan),))
 
 
 def roomy(i, t, x, u, theta):
@@ -260,7 +272,7 @@ def test_unused_penalties_do_not_make_a_game_infeasible():
     player = Player(
         DoubleIntegrator(0.2), (Goal(), Effort(0.1)), inequalities=(Inequality(roomy, 1, 1e4),)
     )
-    few = Options(max_iterations=2, start_barriers=(1.0,))
+    few = SolverOptions(max_iterations=2, barrier_schedule=(1.0,))
     theta = ({"goal": np.array([2.0, 0.0])},)
     found = solve(Game((player,), 4), np.zeros((1, 4)), theta, 0.9, options=few)
     assert found.status == Status.ITERATION_LIMIT
@@ -268,18 +280,18 @@ def test_unused_penalties_do_not_make_a_game_infeasible():
 
 @pytest.mark.parametrize("products", [(), (0.0,), (1.0, -1.0)])
 def test_start_barriers_are_checked(products):
-    with pytest.raises(ValueError, match="start_barriers: is"):
-        Options(start_barriers=products)
+    with pytest.raises(ValueError, match="barrier_schedule: is"):
+        SolverOptions(barrier_schedule=products)
 
 
 def test_each_attempt_begins_with_its_own_product():
     game, theta = last_stage_capped(), ({"goal": np.array([2.0, 0.0])},)
-    options = Options(start_barriers=(1.0, 50.0, 0.2))
+    options = SolverOptions(barrier_schedule=(1.0, 50.0, 0.2))
     layout = layout_of(game)
     with jax.enable_x64(True):
         parameters = check_parameters(game, np.zeros((1, 4)), theta, 0.9)
         exists = pairs_of(layout).exists
-        for number, product in enumerate(options.start_barriers, 1):
+        for number, product in enumerate(options.barrier_schedule, 1):
             start = begin(layout, options, parameters, None)
             point = begin_attempt(layout, options, parameters, start, jnp.asarray(number))
             products = np.asarray(point.slack * point.mult)[np.asarray(exists)]
@@ -289,7 +301,7 @@ def test_each_attempt_begins_with_its_own_product():
 def test_after_a_solution_that_leads_nowhere_attempts_begin_without_it():
     """The first two are the solution's own; later ones begin at nobody's acting, nudged."""
     game, theta = last_stage_capped(), ({"goal": np.array([2.0, 0.0])},)
-    options = Options(start_barriers=(1.0, 50.0, 0.2))
+    options = SolverOptions(barrier_schedule=(1.0, 50.0, 0.2))
     layout, found = layout_of(game), solve(game, np.zeros((1, 4)), theta, 0.9)
     with jax.enable_x64(True):
         parameters = check_parameters(game, np.ones((1, 4)), theta, 0.9)
@@ -315,29 +327,31 @@ def stubborn_crossing():
     one. Game, its arguments, and the plan."""
     game, setting = crosswalk_game(2, 25), nominal_setting(2)
     places = np.array([[1.86737916, 1.84715993], [-0.01921973, 2.02985794]])
-    states, guess = list(np.pad(places, ((0, 0), (0, 2)))), None
+    states, initial_guess = list(np.pad(places, ((0, 0), (0, 2)))), None
     for _ in range(3):
-        found = solve(game, states, setting.theta, [0.95, 0.9], guess=guess)
+        found = solve(game, states, setting.theta, [0.95, 0.9], initial_guess=initial_guess)
         assert found.status == Status.SOLVED
-        guess, states = shift(found), [s[1] for s in found.states]
-    return game, (states, setting.theta, np.array([0.95, 0.9])), guess
+        initial_guess, states = shift(found), [s[1] for s in found.states]
+    return game, (states, setting.theta, np.array([0.95, 0.9])), initial_guess
 
 
 def test_a_solution_that_leads_nowhere_does_not_cost_a_game_that_can_be_solved():
-    game, arguments, guess = stubborn_crossing()
-    found = solve(game, *arguments, guess=guess)
+    game, arguments, initial_guess = stubborn_crossing()
+    found = solve(game, *arguments, initial_guess=initial_guess)
     assert found.status == Status.SOLVED
-    assert found.iterations > Options().resumed_steps
+    assert found.iterations > SolverOptions().resumed_steps
 
 
 def test_a_hurried_solve_gives_up_soon_and_says_so():
-    game, arguments, guess = stubborn_crossing()
-    brief = Options(trial_steps=8)
+    game, arguments, initial_guess = stubborn_crossing()
+    brief = SolverOptions(trial_steps=8)
     most = brief.local_steps + brief.trial_steps
-    found = solve(game, *arguments, guess=guess, options=brief, hurried=True)
+    found = solve(game, *arguments, initial_guess=initial_guess, options=brief, hurried=True)
     assert found.status == Status.ITERATION_LIMIT
     assert brief.trial_steps <= found.iterations <= most
-    traced = jax.jit(lambda *a: solve(game, *a, guess=guess, options=brief, hurried=True))
+    traced = jax.jit(
+        lambda *a: solve(game, *a, initial_guess=initial_guess, options=brief, hurried=True)
+    )
     again = traced(*arguments)
     assert again.status == Status.ITERATION_LIMIT
     assert again.iterations == found.iterations
@@ -345,15 +359,17 @@ def test_a_hurried_solve_gives_up_soon_and_says_so():
     assert cold.status == Status.ITERATION_LIMIT
     assert cold.iterations == brief.trial_steps
     with pytest.raises(SolveError):
-        solve(game, *arguments, guess=guess, options=brief, hurried=True, throw=True)
+        solve(
+            game, *arguments, initial_guess=initial_guess, options=brief, hurried=True, throw=True
+        )
 
 
 def test_a_hurried_solve_that_is_quick_is_the_same():
     setting = nominal_setting(2)
-    game, arguments = crosswalk_game(2, 25), (setting.initial_states, setting.theta, [0.9, 0.9])
-    guess = solve(game, *arguments[:2], [0.95, 0.9])
-    found = solve(game, *arguments, guess=guess)
-    hurried = solve(game, *arguments, guess=guess, hurried=True)
+    game, arguments = crosswalk_game(2, 25), (setting.initial_state, setting.theta, [0.9, 0.9])
+    initial_guess = solve(game, *arguments[:2], [0.95, 0.9])
+    found = solve(game, *arguments, initial_guess=initial_guess)
+    hurried = solve(game, *arguments, initial_guess=initial_guess, hurried=True)
     assert found.status == hurried.status == Status.SOLVED
     np.testing.assert_array_equal(np.concatenate(found.states), np.concatenate(hurried.states))
 
@@ -363,5 +379,5 @@ def test_a_guess_with_other_constraints_is_refused():
     found = solve(game, np.zeros((1, 4)), theta, 0.95)
     own = game.players[0]
     fenced = replace(game, players=(replace(own, inequalities=(Inequality(roomy, 1),)),))
-    with pytest.raises(ValueError, match="guess: solves another game: slacks have shape"):
-        solve(fenced, np.zeros((1, 4)), theta, 0.95, guess=found)
+    with pytest.raises(ValueError, match="initial_guess: solves another game: slacks have shape"):
+        solve(fenced, np.zeros((1, 4)), theta, 0.95, initial_guess=found)

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from foresight_env.equilibrium import Options
+from foresight_env.equilibrium import SolverOptions
 from foresight_env.equilibrium.checks.validation import check_parameters
 from foresight_env.equilibrium.conditions.curvature import dynamics_hessian, positive_part
 from foresight_env.equilibrium.conditions.layout import layout_of
@@ -27,11 +27,11 @@ from foresight_env.games import (
     Game,
     Goal,
     Inequality,
-    KeepAllApart,
-    KeepApart,
     KinematicBicycle,
+    MinimumDistance,
     Player,
     SharedInequality,
+    SharedMinimumDistance,
 )
 
 
@@ -127,12 +127,12 @@ def test_a_driven_step_of_linear_dynamics_is_the_straight_one():
 
 def test_eliminated_row_multipliers_make_the_same_step():
     """Hard, elastic and common shared rows, on the path's beginning."""
-    hard, elastic = Inequality(KeepApart(0.5), 1), Inequality(KeepApart(1.5), 1, 4.0)
+    hard, elastic = Inequality(MinimumDistance(0.5), 1), Inequality(MinimumDistance(1.5), 1, 4.0)
     costs = (Goal(1.0), Effort(1.0))
     car = Player(KinematicBicycle(0.2, 1.5), costs, inequalities=(hard, elastic))
-    shared = (SharedInequality(KeepAllApart(0.8), 1, "common"),)
+    shared = (SharedInequality(SharedMinimumDistance(0.8), 1, "common"),)
     game = Game((car, car), 4, shared)
-    layout, options = layout_of(game), Options()
+    layout, options = layout_of(game), SolverOptions()
     states = np.array([[0.0, 0.0, 1.0, 0.1], [2.0, 0.3, 1.0, 3.0]])
     theta = [{"goal": np.array([2.0, 0.0])}, {"goal": np.array([0.0, 0.5])}]
     parameters = jax.tree.map(

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from foresight_env.games import Bounds, KeepAllApart, KeepApart
+from foresight_env.games import Bounds, MinimumDistance, SharedMinimumDistance
 
 
 def test_a_number_bounds_every_entry():
@@ -45,13 +45,13 @@ def states():
 
 def test_keep_apart_is_the_papers_squared_distance():
     with jax.enable_x64(True):
-        own = KeepApart("limit")(1, 1, states(), (), {"limit": np.array(2.0)})
-        number = KeepApart(2.0)(1, 1, states(), (), {})
+        own = MinimumDistance("limit")(1, 1, states(), (), {"limit": np.array(2.0)})
+        number = MinimumDistance(2.0)(1, 1, states(), (), {})
     np.testing.assert_allclose(own, [25.0 - 2.0, 18.0 - 2.0])
     np.testing.assert_allclose(number, own)
 
 
 def test_keep_all_apart_has_one_row_per_pair():
     with jax.enable_x64(True):
-        rows = KeepAllApart(1.5)(1, states(), (), ({}, {}, {}))
+        rows = SharedMinimumDistance(1.5)(1, states(), (), ({}, {}, {}))
     np.testing.assert_allclose(rows, [25.0 - 1.5, 1.0 - 1.5, 18.0 - 1.5])

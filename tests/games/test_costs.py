@@ -74,12 +74,12 @@ def test_composite_is_outer_of_inner_and_outer_is_convex(cost):
     assert isinstance(cost, Composite)
     x, u = tuple(map(jnp.asarray, X)), tuple(map(jnp.asarray, U))
     with jax.enable_x64(True):
-        inner = cost.inner(0, 1, x, u, THETA)
-        assert value(cost) == pytest.approx(float(cost.outer(inner, THETA)), rel=1e-6)
+        inner = cost.residual(0, 1, x, u, THETA)
+        assert value(cost) == pytest.approx(float(cost.loss(inner, THETA)), rel=1e-6)
         random = np.random.default_rng(0)
         for a, b in random.normal(size=(40, 2, inner.shape[0])):
-            middle = cost.outer(jnp.asarray(0.5 * (a + b)), THETA)
-            ends = [cost.outer(jnp.asarray(v), THETA) for v in (a, b)]
+            middle = cost.loss(jnp.asarray(0.5 * (a + b)), THETA)
+            ends = [cost.loss(jnp.asarray(v), THETA) for v in (a, b)]
             assert float(middle) <= 0.5 * float(ends[0] + ends[1]) + 1e-12
 
 

@@ -12,12 +12,12 @@ from foresight_env.games import (
     Game,
     Goal,
     Inequality,
-    KeepAllApart,
-    KeepApart,
     KinematicBicycle,
+    MinimumDistance,
     ObservationModel,
     Player,
     SharedInequality,
+    SharedMinimumDistance,
     SquaredDistanceHinge,
     full_state,
     positions,
@@ -44,7 +44,9 @@ def player(**changes):
         ),
         (
             lambda: Game(
-                (player(), player()), 3, (SharedInequality(KeepAllApart(1.0), 1, players=(0, 2)),)
+                (player(), player()),
+                3,
+                (SharedInequality(SharedMinimumDistance(1.0), 1, players=(0, 2)),),
             ),
             r"shared\[0\].players: names player 2",
         ),
@@ -69,10 +71,10 @@ def test_sizes_come_from_the_dynamics():
 
 def test_equal_games_are_equal_and_hash_alike():
     def make(weight):
-        shared = (SharedInequality(KeepAllApart(weight), 1, "common"),)
+        shared = (SharedInequality(SharedMinimumDistance(weight), 1, "common"),)
         bounded = player(
             control_bounds=Bounds.box(-1, 1, 2),
-            inequalities=(Inequality(KeepApart("limit"), 1, 5.0),),
+            inequalities=(Inequality(MinimumDistance("limit"), 1, 5.0),),
         )
         return Game((bounded, player()), 5, shared)
 
@@ -124,7 +126,7 @@ def test_observation_models_are_hashable_by_value():
 def test_stage_cost_splits_discounted_and_undiscounted_and_prices_violations():
     hinge = SquaredDistanceHinge(1.2, 2.0)
     near = player(
-        undiscounted_costs=(hinge,), inequalities=(Inequality(KeepApart(1.2), 1, "price"),)
+        undiscounted_costs=(hinge,), inequalities=(Inequality(MinimumDistance(1.2), 1, "price"),)
     )
     game = Game((near, player()), 3)
     x = (np.array([0.0, 0.0, 1.0, 0.0]), np.array([0.5, 0.0, 0.0, 0.0]))
@@ -138,7 +140,9 @@ def test_stage_cost_splits_discounted_and_undiscounted_and_prices_violations():
 
 
 def test_stage_cost_charges_nothing_for_a_constraint_that_holds_or_is_hard():
-    hard = player(inequalities=(Inequality(KeepApart(1.2), 1), Inequality(KeepApart(0.1), 1, 3.0)))
+    hard = player(
+        inequalities=(Inequality(MinimumDistance(1.2), 1), Inequality(MinimumDistance(0.1), 1, 3.0))
+    )
     game = Game((hard, player()), 3)
     with jax.enable_x64(True):
         x = (jnp.zeros(4), jnp.array([0.5, 0.0, 0.0, 0.0]))

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from foresight_env.games import BodyGap, InLane, PathFollowing
+from foresight_env.games import FootprintProximity, LaneBounds, PathFollowing
 from foresight_env.games.paths import WINDOW, path_offset
 
 SPACING = 2.0
@@ -83,11 +83,11 @@ def test_costs_and_constraints_by_hand():
         states = (car(20.0, 0.5), car(24.0, 0.5), car(20.0, 4.0, np.pi / 2))
         cost = PathFollowing("w")(0, 1, states, (), theta)
         assert float(cost) == pytest.approx(3.0 * 0.25, rel=1e-6)
-        sides = np.asarray(InLane(1.0)(0, 1, states, (), theta))
+        sides = np.asarray(LaneBounds(1.0)(0, 1, states, (), theta))
         np.testing.assert_allclose(sides, [0.5, 1.5], atol=1e-6)
         # Discs of the first at x = 18.75, 21.25; of the second at 22.75, 25.25; the third stands
         # across, its discs at y = 2.75 and 5.25 above (20, .).
-        gap = BodyGap("d", "w", reach=1.25)
+        gap = FootprintProximity("d", "w", reach=1.25)
         between = [
             np.hypot(a - b, c)
             for a in (18.75, 21.25)

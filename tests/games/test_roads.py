@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from foresight_env.games import BesideRoads, Circle, Lane, LaneCenter, OutsideCircles, RoadSide
+from foresight_env.games import Circle, Lane, LaneCenter, OutsideCircles, RoadBoundary, RoadSide
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -50,7 +50,7 @@ def test_outside_of_circles():
 
 @pytest.mark.parametrize(("road", "sign"), [("left", 1.0), ("right", -1.0)])
 def test_a_road_side_holds_along_its_road_and_nowhere_behind(road, sign):
-    side = BesideRoads((RoadSide((1.0, 0.0), (3.0, 0.0), road),))
+    side = RoadBoundary((RoadSide((1.0, 0.0), (3.0, 0.0), road),))
     far_ahead = np.asarray(side(0, 1, at((30.0, 2.0)), (), {}))
     np.testing.assert_allclose(far_ahead, [2.0 * sign], atol=1e-9)
     for y in (-10.0, 10.0):
@@ -61,10 +61,10 @@ def test_road_sides_are_checked():
     with pytest.raises(ValueError, match="two different places"):
         RoadSide((0.0, 0.0), (0.0, 0.0), "left")
     with pytest.raises(ValueError, match="sides: is empty"):
-        BesideRoads(())
+        RoadBoundary(())
     side = RoadSide((0.0, 0.0), (1.0, 0.0), "left")
     with pytest.raises(ValueError, match=r"sharpness, lift: are 0\.0 and 50\.0"):
-        BesideRoads((side,), sharpness=0.0)
+        RoadBoundary((side,), sharpness=0.0)
 
 
 def test_circles_are_checked():

@@ -45,7 +45,7 @@ def test_every_draw_is_a_legal_episode(name):
     world = driving_world(scene, MOST_CARS, ranges, 0.1, 1)
     for seed in range(20):
         drawn = world.draw(np.random.default_rng(seed))
-        states = drawn.initial_states
+        states = drawn.initial_state
         gaps = world.gaps(states, np.zeros((MOST_CARS, 2)), states)
         assert gaps.min() > 0.0
         assert not off_road(scene, states).any()
@@ -60,7 +60,7 @@ def test_every_draw_is_a_legal_episode(name):
 def test_fewer_cars_are_the_first_of_more():
     scene = SCENES["merge"]
     drawn = draw_driving(np.random.default_rng(3), scene, 2)
-    assert drawn.initial_states.shape == (2, 4)
+    assert drawn.initial_state.shape == (2, 4)
     np.testing.assert_array_equal(drawn.theta[1]["path"], scene.paths[1])
 
 

@@ -53,7 +53,7 @@ def test_what_observations_leave_open_has_no_bound():
     # The first observation alone says nothing about goals and discount factors.
     found = bound(positions((4, 4)), Free(("goal",), True, True), count=1)
     names = np.array(found.names)
-    seen = np.isin(names, [f"x0[{k}] of {i}" for i in range(2) for k in range(2)])
+    seen = np.isin(names, [f"initial_state[{k}] of {i}" for i in range(2) for k in range(2)])
     variances = np.diag(found.covariance)
     np.testing.assert_allclose(variances[seen], 1.0)
     assert np.isinf(variances[~seen]).all()

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from foresight_env.equilibrium import Options, Status, solve
+from foresight_env.equilibrium import SolverOptions, Status, solve
 from foresight_env.equilibrium.checks.validation import check_parameters
 from foresight_env.equilibrium.conditions.layout import layout_of
 from foresight_env.equilibrium.newton.implicit import equilibrium
@@ -207,7 +207,7 @@ def test_a_window_predicts_the_rest_and_finds_the_initial_state():
     assert found.gamma[1] == CROSSING_GAMMA[1]
     assert found.gamma_deviation[1] == 0.0
     assert len(found.names) == 7
-    assert found.names[3:] == tuple(f"x0[{k}] of 0" for k in range(4))
+    assert found.names[3:] == tuple(f"initial_state[{k}] of 0" for k in range(4))
     for i, states in enumerate(found.solution.states):
         assert states.shape == (9, 4)
         np.testing.assert_allclose(states, played()[:, 4 * i : 4 * i + 4], atol=5e-3)
@@ -223,8 +223,8 @@ def test_the_solution_is_the_games_however_the_search_was_smoothed(iterations):
 
 
 def test_the_search_is_not_smoothed_near_a_guess():
-    guess = solve(crossing(), CROSSING_STATES, crossing_theta(), CROSSING_GAMMA)
-    near = fit(played(), CROSSING_GAMMA - 0.01, guess=guess, starts=MultiStart(1))
+    initial_guess = solve(crossing(), CROSSING_STATES, crossing_theta(), CROSSING_GAMMA)
+    near = fit(played(), CROSSING_GAMMA - 0.01, initial_guess=initial_guess, starts=MultiStart(1))
     far = fit(played(), CROSSING_GAMMA - 0.01, starts=MultiStart(1))
     np.testing.assert_allclose(near.values, far.values, atol=1e-4)
     assert near.iterations < far.iterations
@@ -238,7 +238,7 @@ def test_starts_do_not_share_a_local_minimum():
     """The observed part ends far from the goals: from there every discount factor leads to a
     crossing on which agents keep their distance to the end, which the true one does not."""
     game, setting = crosswalk_game(2, 10, "soft"), MONTE_CARLO
-    truth = solve(game, setting.initial_states, setting.theta, setting.gamma)
+    truth = solve(game, setting.initial_state, setting.theta, setting.gamma)
     states = np.concatenate(truth.states, 1)
     last = (states[-1, :2], states[-1, 4:6])
     start = tuple({**t, "goal": seen} for t, seen in zip(setting.theta, last, strict=True))
@@ -246,7 +246,7 @@ def test_starts_do_not_share_a_local_minimum():
         game,
         states,
         FULL,
-        initial_state=setting.initial_states,
+        initial_state=setting.initial_state,
         theta=start,
         gamma=(0.8, 0.8),
         covariance=1e-4,
@@ -260,13 +260,13 @@ def test_starts_do_not_share_a_local_minimum():
 def test_farsighted_baseline_has_the_reference_error():
     """Squared error of the best gamma = 1 fit to the noise-free Monte Carlo crossing: 0.765."""
     game, setting = crosswalk_game(2, 25, "reference"), MONTE_CARLO
-    truth = solve(game, setting.initial_states, setting.theta, setting.gamma)
+    truth = solve(game, setting.initial_state, setting.theta, setting.gamma)
     states = np.concatenate(truth.states, 1)
     found = estimate(
         game,
         states,
         FULL,
-        initial_state=setting.initial_states,
+        initial_state=setting.initial_state,
         theta=setting.theta,
         gamma=1.0,
         free=Free(gamma=False),
@@ -313,14 +313,14 @@ SKEW[0, 0] = -1.0
         ({"prior": Prior(theta_deviation=(("goal", 0.0),))}, "theta_deviation: 'goal' is 0"),
         (
             {
-                "guess": solve(crossing(), CROSSING_STATES, crossing_theta(), 0.9)._replace(
+                "initial_guess": solve(crossing(), CROSSING_STATES, crossing_theta(), 0.9)._replace(
                     point=solve(crossing(horizon=9), CROSSING_STATES, crossing_theta(), 0.9).point
                 )
             },
-            "guess: solves another game",
+            "initial_guess: solves another game",
         ),
         ({"gamma": [0.5, np.nan]}, "gamma: contains NaN"),
-        ({"initial_state": np.zeros((2, 3))}, r"x0\[0\]|initial_state"),
+        ({"initial_state": np.zeros((2, 3))}, r"initial_state\[0\]|initial_state"),
     ],
     ids=lambda v: next(iter(v)) if isinstance(v, dict) else "",
 )
@@ -365,7 +365,7 @@ def test_discount_factors_are_looked_for_in_their_range():
 
 def test_trial_solves_give_up_early():
     """One Newton step solves no cold game; a fit's first game gets all the steps it needs."""
-    layout, hasty = layout_of(crossing()), Options(trial_steps=1)
+    layout, hasty = layout_of(crossing()), SolverOptions(trial_steps=1)
     with jax.enable_x64(True):
         parameters = check_parameters(
             crossing(), CROSSING_STATES, crossing_theta(), np.array(CROSSING_GAMMA)
@@ -414,8 +414,8 @@ def test_a_search_that_begins_astray_gives_up():
     assert given_up.cost > 1.0
     np.testing.assert_array_equal(given_up.gamma, [0.8, 0.8])
     near = solve(crossing(), CROSSING_STATES, elsewhere, CROSSING_GAMMA)
-    usual = fit(played(), guess=near, method=GaussNewton(give_up=1.0), **options)
-    assert int(usual.iterations) == 1  # a guess leaves smoothing out
+    usual = fit(played(), initial_guess=near, method=GaussNewton(give_up=1.0), **options)
+    assert int(usual.iterations) == 1  # an initial guess leaves smoothing out
     smoothed = fit(played(), method=GaussNewton(give_up=1.0), **options)
     assert int(smoothed.iterations) > 1  # what a smoothed game costs is another matter
     gone_on = fit(played(), method=GaussNewton(smoothing=(), give_up=1e9), **options)

@@ -13,7 +13,7 @@ from foresight_env.games import (
     full_state,
 )
 from foresight_env.games.arc import arc
-from foresight_env.inverse import NeverSeenError, guess_initial_states
+from foresight_env.inverse import NeverSeenError, guess_initial_state
 from tests.support.small_games import Linear
 
 WALKER = Linear.of(np.eye(2), 0.2 * np.eye(2))
@@ -36,7 +36,7 @@ def straight(count=5):
 
 
 def test_states_of_any_size():
-    car, walker = guess_initial_states(GAME, MODEL, straight())
+    car, walker = guess_initial_state(GAME, MODEL, straight())
     np.testing.assert_allclose(car, [1.0, 2.0, 1.0, np.arctan2(0.8, 0.6)])
     np.testing.assert_allclose(walker, [3.0, 3.0])
 
@@ -44,7 +44,7 @@ def test_states_of_any_size():
 def test_an_agent_seen_late_is_moved_back():
     seen = straight()
     seen[:2, :2] = np.nan
-    car, _ = guess_initial_states(GAME, MODEL, seen)
+    car, _ = guess_initial_state(GAME, MODEL, seen)
     np.testing.assert_allclose(car, [1.0, 2.0, 1.0, np.arctan2(0.8, 0.6)])
 
 
@@ -56,7 +56,7 @@ def test_a_turning_vehicle_seen_late_is_moved_back_along_its_circle():
     seen = np.column_stack([car, np.full((6, 2), 3.0)])
     seen[:3, :4] = np.nan
     model = full_state(GAME.state_sizes)
-    found, _ = guess_initial_states(GAME, model, seen)
+    found, _ = guess_initial_state(GAME, model, seen)
     np.testing.assert_allclose(found, [0.0, 0.0, speed, 0.0], atol=1e-9)
 
 
@@ -64,4 +64,4 @@ def test_an_agent_that_nobody_saw():
     seen = straight()
     seen[:, 2:] = np.nan
     with pytest.raises(NeverSeenError, match="player 1 was never seen"):
-        guess_initial_states(GAME, MODEL, seen)
+        guess_initial_state(GAME, MODEL, seen)

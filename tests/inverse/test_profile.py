@@ -48,7 +48,7 @@ def test_the_objective_rises_by_the_quantile_at_an_intervals_ends(noisy):
                 continue
             gamma = found.gamma.copy()
             gamma[player] = end
-            held = fit(noisy, gamma, free=free, guess=found.solution, starts=MultiStart(1))
+            held = fit(noisy, gamma, free=free, initial_guess=found.solution, starts=MultiStart(1))
             rise = float(held.cost - found.cost)
             assert 0.6 * profile.rise < rise < 1.4 * profile.rise
             ends += 1

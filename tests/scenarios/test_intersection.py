@@ -7,7 +7,7 @@ import pytest
 from evaluation.windows.junction import recorded_setting
 from foresight_env.datasets import Recording, Track
 from foresight_env.equilibrium import Status, solve, verify
-from foresight_env.games.roads import BesideRoads, OutsideCircles
+from foresight_env.games.roads import OutsideCircles, RoadBoundary
 from foresight_env.scenarios.aachen import AACHEN, AACHEN_TURNING, AACHEN_TURNING_POLYNOMIAL
 from foresight_env.scenarios.intersection import (
     PEDESTRIAN_SHRINK,
@@ -19,14 +19,14 @@ from foresight_env.scenarios.intersection import (
 @pytest.mark.parametrize("gamma", [1.0, 0.6])
 def test_the_published_car_turns_from_a_cold_start(gamma):
     game = intersection_game(AACHEN.kinds[2:3], AACHEN.lanes[2:3], AACHEN.region)
-    found = solve(game, AACHEN.initial_states[2:3], AACHEN.theta[2:3], gamma)
+    found = solve(game, AACHEN.initial_state[2:3], AACHEN.theta[2:3], gamma)
     assert found.status == Status.SOLVED
     places = np.asarray(found.states[0])[:, :2]
     assert np.hypot(*(places - AACHEN.goals[2]).T).min() < 2.0
     for place in places:
         at = (jnp.array([*place, 0.0, 0.0]),)
         assert OutsideCircles(AACHEN.region.corners)(0, 1, at, (), {}).min() > -1e-4
-        assert BesideRoads(AACHEN.region.sides)(0, 1, at, (), {}).min() > -1e-4
+        assert RoadBoundary(AACHEN.region.sides)(0, 1, at, (), {}).min() > -1e-4
 
 
 def test_the_published_game_is_an_equilibrium():
@@ -34,7 +34,7 @@ def test_the_published_game_is_an_equilibrium():
     pair = slice(1, 3)
     game = intersection_game(AACHEN.kinds[pair], AACHEN.lanes[pair], AACHEN.region, horizon=6)
     gamma, theta = np.array([1.0, 0.7]), AACHEN.theta[pair]
-    found = solve(game, AACHEN.initial_states[pair], theta, gamma)
+    found = solve(game, AACHEN.initial_state[pair], theta, gamma)
     assert found.status == Status.SOLVED
     assert verify(game, found, theta, gamma).is_local_equilibrium
 
@@ -96,9 +96,9 @@ def test_a_recorded_window_becomes_a_setting():
     )
     setting = recorded_setting(made.window(("1", "2", "3"), 0, 8))
     assert setting.kinds == ("pedestrian", "car", "truck_bus")
-    np.testing.assert_allclose(setting.initial_states[0], [0.0, 0.0, 0.0, 1.5])
-    np.testing.assert_allclose(setting.initial_states[1], [-9.0, 3.0, 5.0, np.arctan2(-4.0, 3.0)])
-    np.testing.assert_allclose(setting.initial_states[2], [0.0, 20.0, 0.0, 1.2])
+    np.testing.assert_allclose(setting.initial_state[0], [0.0, 0.0, 0.0, 1.5])
+    np.testing.assert_allclose(setting.initial_state[1], [-9.0, 3.0, 5.0, np.arctan2(-4.0, 3.0)])
+    np.testing.assert_allclose(setting.initial_state[2], [0.0, 20.0, 0.0, 1.2])
     np.testing.assert_allclose(setting.goals, [[0.0, 2.625], [-3.75, -4.0], [0.0, 20.0]])
     person, car, standing = setting.lanes
     assert (person, standing) == (None, None)

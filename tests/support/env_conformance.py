@@ -17,7 +17,7 @@ import pytest
 from gymnasium.error import ResetNeeded
 
 from foresight_env.games.paths import path_offset
-from foresight_env.games.roads import BesideRoads
+from foresight_env.games.roads import RoadBoundary
 from foresight_env.scenarios.junction import JUNCTION_REGION, LANES
 
 Factory = Callable[[], Any]
@@ -190,7 +190,7 @@ def options_are_copied(make: Factory) -> None:
     env = make()
     info = deepcopy(env.reset(seed=5)[1][env.possible_agents[0]])
     options = {
-        "initial_states": info["state"],
+        "initial_state": info["state"],
         "gamma": info["gamma"],
         "goals": info["theta"]["goal"],
     }
@@ -278,7 +278,7 @@ def intersection_cost(info: dict[str, Any], i: int) -> float:
         return cost
     lane = LANES[i - np.sum(walks)]
     cost += theta["lane_weight"][i] * float(lane.offset(places[i])) ** 2
-    beside = BesideRoads(JUNCTION_REGION.sides)(0, 1, (jnp.asarray(places[i]),), (), {})
+    beside = RoadBoundary(JUNCTION_REGION.sides)(0, 1, (jnp.asarray(places[i]),), (), {})
     return cost + 100.0 * float(np.sum(np.maximum(0.0, -np.asarray(beside))))
 
 

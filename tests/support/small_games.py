@@ -7,7 +7,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from foresight_env.equilibrium import Options
+from foresight_env.equilibrium import SolverOptions
 from foresight_env.games import (
     Bounds,
     DoubleIntegrator,
@@ -15,15 +15,15 @@ from foresight_env.games import (
     Game,
     Goal,
     Inequality,
-    KeepAllApart,
-    KeepApart,
     KinematicBicycle,
+    MinimumDistance,
     Player,
     SharedInequality,
+    SharedMinimumDistance,
     SquaredDistanceHinge,
 )
 
-TIGHT = Options(tolerance=1e-11)
+TIGHT = SolverOptions(tolerance=1e-11)
 
 
 @dataclass(frozen=True)
@@ -69,9 +69,9 @@ def crossing(proximity: str = "soft", horizon: int = 8, multiplier: str = "indiv
     """Two point masses that cross within the horizon: bounds on speed and acceleration."""
     inequalities, undiscounted, shared = (), (), ()
     if proximity == "soft":
-        inequalities = (Inequality(KeepApart("closest"), 1, "price"),)
+        inequalities = (Inequality(MinimumDistance("closest"), 1, "price"),)
     elif proximity == "hard":
-        shared = (SharedInequality(KeepAllApart(0.6), 1, multiplier),)
+        shared = (SharedInequality(SharedMinimumDistance(0.6), 1, multiplier),)
     else:
         undiscounted = (SquaredDistanceHinge("closest", "price"),)
     player = Player(

@@ -15,7 +15,7 @@ from jaxtyping import Float
 from foresight_env.envs.core.motion import brake
 from foresight_env.equilibrium import Solution, Status, shift, solve
 from foresight_env.games import Game
-from foresight_env.scenarios.situation import Situation
+from foresight_env.scenarios.episode_parameters import EpisodeParameters
 
 NOTHING_SOLVED = -1
 """`SolverReport.status` while there has been no solve in this episode."""
@@ -58,7 +58,7 @@ class Behaviour(Protocol):
     def planned(self) -> tuple[Float[np.ndarray, "K 2"], ...] | None:
         """Per player the positions (m) that it plans to pass, for drawing; None: no plan."""
 
-    def reset(self, situation: Situation) -> None:
+    def reset(self, episode_parameters: EpisodeParameters) -> None:
         """Begin an episode."""
 
     def act(self, states: Float[np.ndarray, "N n"]) -> Float[np.ndarray, "N m"]:
@@ -77,7 +77,7 @@ class _Oracle:
 
     def __init__(self, game: Game) -> None:
         self._game = game
-        self._situation: Situation | None = None
+        self._situation: EpisodeParameters | None = None
         self._plan: Solution | None = None
         self._report = SolverReport()
 
@@ -91,15 +91,17 @@ class _Oracle:
             return None
         return tuple(np.array(states[:, :2]) for states in self._plan.states)
 
-    def reset(self, situation: Situation) -> None:
-        self._situation, self._plan, self._report = situation, None, SolverReport()
+    def reset(self, episode_parameters: EpisodeParameters) -> None:
+        self._situation, self._plan, self._report = episode_parameters, None, SolverReport()
 
-    def _solve(self, states: Float[np.ndarray, "N n"], guess: Solution | None) -> Solution | None:
+    def _solve(
+        self, states: Float[np.ndarray, "N n"], initial_guess: Solution | None
+    ) -> Solution | None:
         """A solution; None when there was none to be found."""
         if self._situation is None:
             raise RuntimeError("act: there is no episode; call reset first")
         _, theta, gamma = self._situation
-        found = solve(self._game, states, theta, gamma, guess=guess)
+        found = solve(self._game, states, theta, gamma, initial_guess=initial_guess)
         solved = int(found.status) == Status.SOLVED
         residual = float(found.residual)
         self._report = SolverReport(

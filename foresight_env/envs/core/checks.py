@@ -15,10 +15,10 @@ from foresight_env.envs.core.world import World
 from foresight_env.games import Game
 from foresight_env.highway.ranges import DrivingRanges
 from foresight_env.scenarios.crosswalk import Proximity, Ranges
+from foresight_env.scenarios.episode_parameters import EpisodeParameters
 from foresight_env.scenarios.junction import JunctionRanges
-from foresight_env.scenarios.situation import Situation
 
-OPTIONS = ("gamma", "goals", "initial_states", "situation")
+OPTIONS = ("gamma", "goals", "initial_state", "episode_parameters")
 """Entries that `reset` takes."""
 
 
@@ -207,20 +207,20 @@ def check_states(name: str, value: Any, world: World) -> Float[np.ndarray, "N n"
     return states
 
 
-def check_situation(value: Any, world: World) -> Situation:
+def check_episode_parameters(value: Any, world: World) -> EpisodeParameters:
     """An episode's hidden truth, as a copy."""
-    if not isinstance(value, Situation):
+    if not isinstance(value, EpisodeParameters):
         raise ValueError(
-            f"options['situation']: is {value!r}; expected "
-            "foresight_env.scenarios.situation.Situation"
+            f"options['episode_parameters']: is {value!r}; expected "
+            "foresight_env.scenarios.episode_parameters.EpisodeParameters"
         )
     if not isinstance(value.theta, Sequence) or len(value.theta) != world.players:
         raise ValueError(
-            f"options['situation'].theta: expected {world.players} mappings, one per player"
+            f"options['episode_parameters'].theta: expected {world.players} mappings, one per player"
         )
     thetas = []
     for i, (theta, parameters) in enumerate(zip(value.theta, world.parameters(), strict=True)):
-        name = f"options['situation'].theta[{i}]"
+        name = f"options['episode_parameters'].theta[{i}]"
         if not isinstance(theta, Mapping) or set(theta) != set(parameters):
             raise ValueError(f"{name}: expected a mapping with exactly {sorted(parameters)}")
         own: dict[str, Any] = {}
@@ -232,11 +232,13 @@ def check_situation(value: Any, world: World) -> Situation:
             if own[k] <= 0.0:
                 raise ValueError(f"{name}[{k!r}]: is {own[k]}; expected more than 0")
         thetas.append(own)
-    check_positions("options['situation'].theta: goal", [own["goal"] for own in thetas], world)
-    return Situation(
-        check_states("options['situation'].initial_states", value.initial_states, world),
+    check_positions(
+        "options['episode_parameters'].theta: goal", [own["goal"] for own in thetas], world
+    )
+    return EpisodeParameters(
+        check_states("options['episode_parameters'].initial_state", value.initial_state, world),
         tuple(thetas),
-        check_gamma("options['situation'].gamma", value.gamma, world.players),
+        check_gamma("options['episode_parameters'].gamma", value.gamma, world.players),
     )
 
 
@@ -250,10 +252,10 @@ def check_options(options: Any, world: World) -> dict[str, Any]:
     if set(options) == {"options"} and type(options["options"]) is int and options["options"] == 1:
         return {}
     checks: dict[str, Callable[[str, Any], Any]] = {
-        "situation": lambda _, value: check_situation(value, world),
+        "episode_parameters": lambda _, value: check_episode_parameters(value, world),
         "gamma": lambda name, value: check_gamma(name, value, world.players),
         "goals": lambda name, value: check_positions(name, value, world),
-        "initial_states": lambda name, value: check_states(name, value, world),
+        "initial_state": lambda name, value: check_states(name, value, world),
     }
     for name in options:
         if name not in checks:
@@ -261,13 +263,15 @@ def check_options(options: Any, world: World) -> dict[str, Any]:
     return {name: checks[name](f"options[{name!r}]", value) for name, value in options.items()}
 
 
-def with_options(drawn: Situation, options: Mapping[str, Any]) -> Situation:
-    """The drawn episode with what checked options set; entries win over a whole `situation`."""
-    states, thetas, gamma = options.get("situation", drawn)
+def with_options(drawn: EpisodeParameters, options: Mapping[str, Any]) -> EpisodeParameters:
+    """The drawn episode with what checked options set; entries win over a whole `episode_parameters`."""
+    states, thetas, gamma = options.get("episode_parameters", drawn)
     if "goals" in options:
         goals = options["goals"]
         thetas = tuple({**t, "goal": goal} for t, goal in zip(thetas, goals, strict=True))
-    return Situation(options.get("initial_states", states), thetas, options.get("gamma", gamma))
+    return EpisodeParameters(
+        options.get("initial_state", states), thetas, options.get("gamma", gamma)
+    )
 
 
 def control_limits(

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from foresight_env.envs.core.world import World
-from foresight_env.scenarios.situation import Situation
+from foresight_env.scenarios.episode_parameters import EpisodeParameters
 
 
 @dataclass
@@ -16,7 +16,7 @@ class Episode:
     """All that changes between `reset` and the end; never handed out."""
 
     world: World
-    situation: Situation
+    episode_parameters: EpisodeParameters
     noise: np.random.Generator
     states: Float[np.ndarray, "N n"]
     controls: Float[np.ndarray, "N m"]
@@ -32,14 +32,16 @@ class Episode:
     steps: int = 0
 
     @staticmethod
-    def begin(world: World, situation: Situation, noise: np.random.Generator) -> Episode:
+    def begin(
+        world: World, episode_parameters: EpisodeParameters, noise: np.random.Generator
+    ) -> Episode:
         """The episode at its first instant."""
-        states = situation.initial_states.copy()
+        states = episode_parameters.initial_state.copy()
         controls = np.zeros((len(states), world.game(1).players[0].dynamics.control_size))
         closest = world.gaps(states, controls, states).min(axis=1)
         no = np.zeros(len(states), dtype=bool)
         episode = Episode(
-            world, situation, noise, states, controls, closest, no, no.copy(), no.copy()
+            world, episode_parameters, noise, states, controls, closest, no, no.copy(), no.copy()
         )
         episode.arrive(states)
         return episode
@@ -58,6 +60,6 @@ class Episode:
         self.states = states
         self.trail.append(states[:, :2].copy())
         self.off_road = self.off_road | self.world.off_road(states)
-        goals = np.stack([own["goal"] for own in self.situation.theta])
+        goals = np.stack([own["goal"] for own in self.episode_parameters.theta])
         distances = np.linalg.norm(states[:, :2] - goals, axis=1)
         self.reached = self.reached | (distances <= self.world.goal_radius)

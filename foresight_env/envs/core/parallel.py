@@ -67,7 +67,7 @@ class WorldParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
             limit,
             world.names,
             tuple(float(radius) for radius in world.goal_radius),
-            world.belief,
+            world.opponent_prior,
         )
         indices = self._scene.controlled
         factory = checks.check_behaviour(behaviour)
@@ -143,14 +143,16 @@ class WorldParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
         # what later episodes are like.
         drawn = self._world.draw(source)
         noise = np.random.default_rng(source.integers(2**63))
-        situation = checks.with_options(drawn, chosen)
+        episode_parameters = checks.with_options(drawn, chosen)
         self._random = source
-        self._episode = Episode.begin(self._world, situation, noise)
+        self._episode = Episode.begin(self._world, episode_parameters, noise)
         indices = self._scene.controlled
-        own = {i: Own(situation.theta[i], float(situation.gamma[i])) for i in indices}
+        own = {
+            i: Own(episode_parameters.theta[i], float(episode_parameters.gamma[i])) for i in indices
+        }
         self._scene = replace(self._scene, _own=own)
         if self._behaviour is not None:
-            self._behaviour.reset(deepcopy(situation))
+            self._behaviour.reset(deepcopy(episode_parameters))
         self.agents = self.possible_agents[:]
         self._overlay = Overlay()
         self._show()
@@ -169,7 +171,7 @@ class WorldParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
             wanted[i] = requested[agent]
         before = episode.states
         controls = applicable(scene.game, before, wanted)
-        after, costs = advance(scene.game, before, controls, episode.situation.theta)
+        after, costs = advance(scene.game, before, controls, episode.episode_parameters.theta)
         episode.advance(controls, after)
         indices = list(scene.controlled)
         lost = episode.collided[indices].any() or episode.off_road[indices].any()
@@ -205,18 +207,20 @@ class WorldParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
         seen = observe(self._models, episode.states)
         for i, agent, exact in zip(self._scene.controlled, self.possible_agents, seen, strict=True):
             noisy = exact + episode.noise.normal(0.0, self._scene.noise_std, exact.shape)
-            whole = np.concatenate([noisy, episode.situation.theta[i]["goal"]]).astype(np.float32)
+            whole = np.concatenate([noisy, episode.episode_parameters.theta[i]["goal"]]).astype(
+                np.float32
+            )
             space = self._observation_spaces[agent]
             observations[agent] = np.clip(whole, space.low, space.high)
         return observations
 
     def _infos(self, episode: Episode) -> dict[str, Info]:
         report = SolverReport() if self._behaviour is None else self._behaviour.report
-        theta = stacked(episode.situation.theta)
+        theta = stacked(episode.episode_parameters.theta)
         return {
             agent: {
                 "state": episode.states.copy(),
-                "gamma": episode.situation.gamma.copy(),
+                "gamma": episode.episode_parameters.gamma.copy(),
                 "theta": {name: values.copy() for name, values in theta.items()},
                 "controls": episode.controls.copy(),
                 "applied_action": episode.controls[i].copy(),
@@ -263,8 +267,8 @@ class WorldParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
             footprints=self._world.footprints,
             trail=np.stack(episode.trail),
             headings=np.where(self._world.turns, episode.states[:, 3], 0.0),
-            goals=np.stack([own["goal"] for own in episode.situation.theta]),
-            gamma=np.asarray(episode.situation.gamma),
+            goals=np.stack([own["goal"] for own in episode.episode_parameters.theta]),
+            gamma=np.asarray(episode.episode_parameters.gamma),
             controlled=self._scene.controlled,
             collided=episode.collided,
             planned=planned or (),

@@ -48,7 +48,7 @@ def own_first(observation: Observation, game: Game, player: int) -> ObservationM
     return ObservationModel(_InOrder(model, order), owners)
 
 
-class OthersBelief(NamedTuple):
+class OpponentPrior(NamedTuple):
     """What may be believed of another player before anything but its track is known."""
 
     free: tuple[str, ...]
@@ -69,7 +69,7 @@ def _stays(
     return {**own, "goal": np.array(track[-1])}
 
 
-GOALS = OthersBelief(("goal",), (("goal", 3.0),), _stays)
+GOALS = OpponentPrior(("goal",), (("goal", 3.0),), _stays)
 """Others have the ego's weights and unknown goals."""
 
 
@@ -89,7 +89,7 @@ class Scene:
     """Of all players' agents."""
     goal_radius: tuple[float, ...]
     """Per player, distance from its goal within which an agent has reached it, m."""
-    belief: OthersBelief = field(default=GOALS, repr=False)
+    opponent_prior: OpponentPrior = field(default=GOALS, repr=False)
     """What everybody may believe of others."""
     _own: Mapping[int, Own] = field(default_factory=dict, repr=False)
 

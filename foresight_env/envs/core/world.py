@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float
 
-from foresight_env.envs.core.scene import GOALS, OthersBelief
+from foresight_env.envs.core.scene import GOALS, OpponentPrior
 from foresight_env.envs.rendering.scenery import Scenery
 from foresight_env.games import Game
 from foresight_env.games.footprints import Footprint
-from foresight_env.scenarios.situation import Situation
+from foresight_env.scenarios.episode_parameters import EpisodeParameters
 
 Gaps = Callable[
     [Float[np.ndarray, "N n"], Float[np.ndarray, "N m"], Float[np.ndarray, "N n"]],
@@ -36,7 +36,7 @@ class World:
     """Of the players' agents."""
     game: Callable[[int], Game]
     """The game over so many stages."""
-    draw: Callable[[np.random.Generator], Situation]
+    draw: Callable[[np.random.Generator], EpisodeParameters]
     """An episode's hidden truth."""
     gaps: Gaps
     shown_low: Float[np.ndarray, "N n"]
@@ -46,7 +46,7 @@ class World:
     """Distance from its goal within which an agent has reached it, m."""
     footprints: tuple[Footprint, ...]
     scenery: Scenery
-    belief: OthersBelief = GOALS
+    opponent_prior: OpponentPrior = GOALS
     """What agents may believe of others."""
     off_road: Callable[[Float[np.ndarray, "N n"]], Bool[np.ndarray, "N"]] = nobody
     """Who is where nobody may be."""

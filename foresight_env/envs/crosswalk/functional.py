@@ -39,7 +39,7 @@ from foresight_env.scenarios.crosswalk import (
     nominal_setting,
     player_theta,
 )
-from foresight_env.scenarios.situation import Situation
+from foresight_env.scenarios.episode_parameters import EpisodeParameters
 
 EGO = 0
 """The player whose actions the caller chooses."""
@@ -74,7 +74,7 @@ class CrosswalkSetting:
 class CrosswalkState(NamedTuple):
     """All that changes in an episode, and its hidden truth; a PyTree of arrays."""
 
-    situation: Situation
+    episode_parameters: EpisodeParameters
     states: Float[AnyArray, "N 4"]
     controls: Float[AnyArray, "N 2"]
     """As applied in the last step, m/s^2."""
@@ -106,7 +106,7 @@ class Outcome(NamedTuple):
     truncated: Bool[AnyArray, ""]
 
 
-def draw(setting: CrosswalkSetting, key: PRNGKeyArray) -> Situation:
+def draw(setting: CrosswalkSetting, key: PRNGKeyArray) -> EpisodeParameters:
     """An episode's hidden truth, from the distribution of `scenarios.crosswalk.draw_crossing`."""
     nominal, ranges = nominal_setting(setting.players), setting.ranges
     count, keys = setting.players, jax.random.split(key, 5)
@@ -119,7 +119,7 @@ def draw(setting: CrosswalkSetting, key: PRNGKeyArray) -> Situation:
     gamma = uniform(keys[2], ranges.gamma, (count,))
     control = uniform(keys[3], ranges.control_weight, (count,))
     collision = uniform(keys[4], ranges.collision_weight, (count,))
-    states: Any = jnp.asarray(nominal.initial_states).at[:, :2].add(shifts)
+    states: Any = jnp.asarray(nominal.initial_state).at[:, :2].add(shifts)
     theta = tuple(
         {
             **player_theta(goals[i]),
@@ -128,23 +128,23 @@ def draw(setting: CrosswalkSetting, key: PRNGKeyArray) -> Situation:
         }
         for i in range(count)
     )
-    return Situation(states, jax.tree.map(jnp.asarray, theta), gamma)
+    return EpisodeParameters(states, jax.tree.map(jnp.asarray, theta), gamma)
 
 
-def at_start(setting: CrosswalkSetting, situation: Situation) -> CrosswalkState:
+def at_start(setting: CrosswalkSetting, episode_parameters: EpisodeParameters) -> CrosswalkState:
     """The first instant of an episode."""
-    states = jnp.asarray(situation.initial_states)
+    states = jnp.asarray(episode_parameters.initial_state)
     controls = jnp.zeros((setting.players, 2), states.dtype)
     nobody = jnp.zeros(setting.players, bool)
     gaps = closest_approach(states, controls, states).min(axis=1) - COLLISION_DISTANCE
     steps = jnp.zeros((), int)
-    state = CrosswalkState(situation, states, controls, gaps, nobody, nobody, steps)
+    state = CrosswalkState(episode_parameters, states, controls, gaps, nobody, nobody, steps)
     return _arrived(state, states)
 
 
-def begin(setting: CrosswalkSetting, situation: Situation) -> Planned:
+def begin(setting: CrosswalkSetting, episode_parameters: EpisodeParameters) -> Planned:
     """The first instant, and with `"open_loop"` the plan for the whole episode."""
-    state = at_start(setting, situation)
+    state = at_start(setting, episode_parameters)
     solution = _solved(setting, state, None)
     fine = solution.status == Status.SOLVED
     if setting.behaviour == "open_loop":
@@ -173,9 +173,11 @@ def advance(
     return Planned(state, shift(plan), known, *report), outcome
 
 
-def _solved(setting: CrosswalkSetting, state: CrosswalkState, guess: Solution | None) -> Solution:
-    _, theta, gamma = state.situation
-    return solve(setting.game, tuple(state.states), theta, gamma, guess=guess)
+def _solved(
+    setting: CrosswalkSetting, state: CrosswalkState, initial_guess: Solution | None
+) -> Solution:
+    _, theta, gamma = state.episode_parameters
+    return solve(setting.game, tuple(state.states), theta, gamma, initial_guess=initial_guess)
 
 
 def braking(states: Float[AnyArray, "N 4"]) -> Float[Array, "N 2"]:
@@ -199,7 +201,7 @@ def move(
     cost = jnp.stack(
         [
             sum(stage_cost(game, i, FIRST_STAGE, after, u, own))
-            for i, own in enumerate(state.situation.theta)
+            for i, own in enumerate(state.episode_parameters.theta)
         ]
     )
     states = jnp.stack(after)
@@ -218,7 +220,7 @@ def move(
 
 
 def _arrived(state: CrosswalkState, states: Float[Array, "N 4"]) -> CrosswalkState:
-    goals = jnp.stack([jnp.asarray(own["goal"]) for own in state.situation.theta])
+    goals = jnp.stack([jnp.asarray(own["goal"]) for own in state.episode_parameters.theta])
     distances = jnp.linalg.norm(states[:, :2] - goals, axis=1)
     return state._replace(states=states, reached=state.reached | (distances <= GOAL_RADIUS))
 
@@ -238,7 +240,7 @@ def seen(
     limits = np.array([POSITION_LIMIT] * 2 + [VELOCITY_LIMIT] * 2)[: setting.shown]
     limit = np.concatenate([np.tile(limits, setting.players), limits[:2]])
     exact = state.states[:, : setting.shown].ravel() + noise
-    goal = jnp.asarray(state.situation.theta[EGO]["goal"])
+    goal = jnp.asarray(state.episode_parameters.theta[EGO]["goal"])
     return jnp.clip(jnp.concatenate([exact, goal]), -limit, limit)
 
 

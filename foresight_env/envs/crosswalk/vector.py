@@ -41,7 +41,7 @@ from foresight_env.envs.crosswalk.vector_oracle import VectorOracle, padded
 from foresight_env.envs.crosswalk.world import crosswalk_world
 from foresight_env.precision import in_double_precision
 from foresight_env.scenarios.crosswalk import CONTROL_LIMIT, DT, HORIZON, Ranges
-from foresight_env.scenarios.situation import Situation
+from foresight_env.scenarios.episode_parameters import EpisodeParameters
 
 Infos = dict[str, Any]
 
@@ -63,15 +63,15 @@ def _move(
 @in_double_precision
 @partial(jax.jit, static_argnums=0)
 def _start(
-    setting: CrosswalkSetting, situation: Situation, noise: Any
+    setting: CrosswalkSetting, episode_parameters: EpisodeParameters, noise: Any
 ) -> tuple[CrosswalkState, Any]:
     """First instants, and what is seen of them."""
 
-    def one(situation: Situation, noise: Any) -> Any:
-        state = at_start(setting, situation)
+    def one(episode_parameters: EpisodeParameters, noise: Any) -> Any:
+        state = at_start(setting, episode_parameters)
         return state, seen(setting, state, noise)
 
-    return jax.vmap(one)(situation, noise)
+    return jax.vmap(one)(episode_parameters, noise)
 
 
 class CrosswalkVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
@@ -199,7 +199,7 @@ class CrosswalkVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             self._state = jax.tree.map(np.array, state)
         else:
             jax.tree.map(lambda whole, new: _put(whole, places, new), self._state, state)
-        self._theta = stacked_many(self._state.situation)
+        self._theta = stacked_many(self._state.episode_parameters)
         self._oracle.forget(places)
 
     @no_type_check
@@ -280,7 +280,7 @@ class CrosswalkVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         oracle = self._oracle
         infos = {
             "state": state.states.copy(),
-            "gamma": state.situation.gamma.copy(),
+            "gamma": state.episode_parameters.gamma.copy(),
             "theta": _masked({name: v.copy() for name, v in self._theta.items()}, there),
             "controls": state.controls.copy(),
             "applied_action": state.controls[:, EGO].copy(),
@@ -319,14 +319,16 @@ def _put(whole: np.ndarray, places: Int[np.ndarray, "b"], new: np.ndarray) -> No
     whole[places] = new
 
 
-def _stack(situations: Sequence[Situation], size: int) -> Situation:
+def _stack(situations: Sequence[EpisodeParameters], size: int) -> EpisodeParameters:
     """With a leading axis of that size; the last one is repeated."""
     full = [*situations, *[situations[-1]] * (size - len(situations))]
-    found: Situation = jax.tree.map(lambda *v: np.stack([np.asarray(x, float) for x in v]), *full)
+    found: EpisodeParameters = jax.tree.map(
+        lambda *v: np.stack([np.asarray(x, float) for x in v]), *full
+    )
     return found
 
 
-def stacked_many(situation: Situation) -> dict[str, np.ndarray]:
+def stacked_many(episode_parameters: EpisodeParameters) -> dict[str, np.ndarray]:
     """`world.stacked` of many environments: parameters by name, (B, N, ...)."""
-    one = stacked(situation.theta)
+    one = stacked(episode_parameters.theta)
     return {name: np.swapaxes(values, 0, 1) for name, values in one.items()}

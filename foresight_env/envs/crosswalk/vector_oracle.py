@@ -67,7 +67,7 @@ class VectorOracle:
         return np.array(self._plans.u[:, 0]).reshape(-1, self._players, 2)
 
     def _solve_cold(self, state: CrosswalkState, places: Int[np.ndarray, "b"]) -> None:
-        """Solve there without a guess."""
+        """Solve there without an initial guess."""
         if not places.size:
             return
         asked = places.size
@@ -92,9 +92,9 @@ class VectorOracle:
         self.failures[places] += status != Status.SOLVED
 
     def _parameters(self, state: CrosswalkState, chosen: Int[np.ndarray, "b"]) -> Parameters:
-        situation = jax.tree.map(lambda v: v[chosen], state.situation)
+        episode_parameters = jax.tree.map(lambda v: v[chosen], state.episode_parameters)
         joint = state.states[chosen].reshape(len(chosen), -1)
-        return Parameters(joint, situation.theta, situation.gamma)
+        return Parameters(joint, episode_parameters.theta, episode_parameters.gamma)
 
 
 def padded(count: int) -> int:

@@ -18,7 +18,7 @@ from foresight_env.envs.core.behaviours import (
 from foresight_env.highway.axes import flipped_controls, flipped_states
 from foresight_env.highway.scenes import DrivingScene
 from foresight_env.scenarios.driving import ACCELERATION_LIMIT, STEERING_LIMIT
-from foresight_env.scenarios.situation import Situation
+from foresight_env.scenarios.episode_parameters import EpisodeParameters
 
 
 class _Planless:
@@ -40,12 +40,14 @@ class IdmDrivers(_Planless):
         self._dt = setting.game(1).dt
         self._vehicles: list[IDMVehicle] = []
 
-    def reset(self, situation: Situation) -> None:
+    def reset(self, episode_parameters: EpisodeParameters) -> None:
         """Put everybody on the road, with its journey and target speed."""
-        scene, states = self._scene, flipped_states(situation.initial_states)
+        scene, states = self._scene, flipped_states(episode_parameters.initial_state)
         road = Road(scene.network, [], np_random=np.random.RandomState(0))
         self._vehicles = []
-        for journey, state, theta in zip(scene.journeys, states, situation.theta, strict=False):
+        for journey, state, theta in zip(
+            scene.journeys, states, episode_parameters.theta, strict=False
+        ):
             lane = road.network.get_closest_lane_index(state[:2], state[3])
             lanes = list(journey.lanes)
             vehicle = IDMVehicle(
@@ -82,7 +84,7 @@ class RecordedDrivers(_Planless):
         """`tracks`: positions at every step, m; NaN for cars that somebody else drives."""
         self._tracks, self._dt, self._step = tracks, dt, 0
 
-    def reset(self, situation: Situation) -> None:
+    def reset(self, episode_parameters: EpisodeParameters) -> None:
         """Begin at the tracks' first places."""
         self._step = 0
 
@@ -127,10 +129,10 @@ class MixedDrivers:
         nothing = np.zeros((0, 2))
         return tuple(nothing if p is None else p[i] for i, p in enumerate(plans))
 
-    def reset(self, situation: Situation) -> None:
+    def reset(self, episode_parameters: EpisodeParameters) -> None:
         """Begin an episode for everybody."""
         for behaviour in self._all:
-            behaviour.reset(situation)
+            behaviour.reset(episode_parameters)
 
     def act(self, states: Float[np.ndarray, "N n"]) -> Float[np.ndarray, "N m"]:
         """Each car's controls from its own behaviour."""

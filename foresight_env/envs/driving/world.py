@@ -9,7 +9,7 @@ import numpy as np
 from highway_env.road.lane import AbstractLane, LineType
 from jaxtyping import Bool, Float
 
-from foresight_env.envs.core.scene import OthersBelief
+from foresight_env.envs.core.scene import OpponentPrior
 from foresight_env.envs.core.world import World
 from foresight_env.envs.rendering.scenery import ASPHALT, STRIPE, Polygon, Scenery
 from foresight_env.games.footprints import Footprint, Motion, least_gaps
@@ -65,7 +65,7 @@ def driving_world(
         goal_radius=np.full(cars, GOAL_RADIUS),
         footprints=footprints,
         scenery=_scenery(scene),
-        belief=OthersBelief(
+        opponent_prior=OpponentPrior(
             ("target_speed",), (("target_speed", 2.0),), partial(_on_its_way, scene)
         ),
         off_road=lambda states: off_road(scene, states),

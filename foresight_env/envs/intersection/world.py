@@ -10,7 +10,7 @@ from foresight_env.envs.core.world import World
 from foresight_env.envs.rendering.scenery import ASPHALT, PAVEMENT, STRIPE, Disc, Polygon, Scenery
 from foresight_env.games.footprints import Footprint, Motion, least_gaps
 from foresight_env.games.kinds import CAR, body_radius, is_vehicle
-from foresight_env.games.roads import BesideRoads, Point
+from foresight_env.games.roads import Point, RoadBoundary
 from foresight_env.precision import in_double_precision
 from foresight_env.scenarios.intersection import PEDESTRIAN_SHRINK
 from foresight_env.scenarios.junction import (
@@ -96,7 +96,7 @@ def off_road(
 @in_double_precision
 @jax.jit
 def _beside_roads(places: Float[Array, "N 2"]) -> Float[Array, "N sides"]:
-    beside = BesideRoads(JUNCTION_REGION.sides)
+    beside = RoadBoundary(JUNCTION_REGION.sides)
     return jax.vmap(lambda place: beside(0, 1, (place,), (), {}))(places)
 
 

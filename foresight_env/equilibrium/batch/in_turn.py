@@ -15,7 +15,7 @@ from jaxtyping import Array, Int
 from foresight_env.equilibrium.conditions.kkt import Iterate, Parameters
 from foresight_env.equilibrium.conditions.layout import Layout
 from foresight_env.equilibrium.newton.implicit import Equilibrium, equilibrium
-from foresight_env.equilibrium.newton.interior_point import Options
+from foresight_env.equilibrium.newton.interior_point import SolverOptions
 from foresight_env.equilibrium.newton.start import begin
 from foresight_env.equilibrium.solve import Solution, to_solution
 from foresight_env.games.types import AnyArray
@@ -24,15 +24,15 @@ from foresight_env.games.types import AnyArray
 @partial(jax.jit, static_argnums=(0, 1))
 def solve_in_turn(
     layout: Layout,
-    options: Options,
+    options: SolverOptions,
     parameters: Parameters,
-    guess: Iterate | None,
+    initial_guess: Iterate | None,
     active: Int[AnyArray, ""],
 ) -> Solution:
     """The first `active` games of a batch."""
 
     def one(number: Array) -> Equilibrium:
-        mine, near = jax.tree.map(lambda v: v[number], (parameters, guess))
+        mine, near = jax.tree.map(lambda v: v[number], (parameters, initial_guess))
         return equilibrium(layout, options, mine, begin(layout, options, mine, near))
 
     def body(number: Array, found: Equilibrium) -> Equilibrium:

@@ -12,12 +12,12 @@ import numpy as np
 from jaxtyping import Float
 
 from foresight_env.equilibrium.batch.in_turn import solve_in_turn
-from foresight_env.equilibrium.batch.lanes import solve_lanes
+from foresight_env.equilibrium.batch.slots import solve_in_slots
 from foresight_env.equilibrium.checks.validation import check_parameters
 from foresight_env.equilibrium.conditions.kkt import Iterate, Parameters
 from foresight_env.equilibrium.conditions.layout import Layout, layout_of
 from foresight_env.equilibrium.linear_algebra.riccati import leaves_to_library
-from foresight_env.equilibrium.newton.interior_point import Options
+from foresight_env.equilibrium.newton.interior_point import SolverOptions
 from foresight_env.equilibrium.newton.newton_system import stage_unknowns
 from foresight_env.equilibrium.solve import Solution, check_iterate
 from foresight_env.games.game import Game
@@ -32,12 +32,12 @@ at once make jaxlib (0.10) wait for ever, and lanes do without it."""
 
 def solve_many(
     game: Game,
-    x0: Any,
+    initial_state: Any,
     theta: Sequence[Mapping[str, Any]] | Sequence[Sequence[Mapping[str, Any]]],
     gamma: Any,
     *,
-    guess: Solution | None = None,
-    options: Options = Options(),
+    initial_guess: Solution | None = None,
+    options: SolverOptions = SolverOptions(),
     lanes: int | None = None,
     threads: int | None = None,
 ) -> Solution:
@@ -45,10 +45,10 @@ def solve_many(
 
     Args:
         game: the game.
-        x0: (B, n) joint initial states, (B, N, n_i), or per player (B, n_i).
+        initial_state: (B, n) joint initial states, (B, N, n_i), or per player (B, n_i).
         theta: one mapping per player for all games, or B such sequences.
         gamma: (B, N), or (N,) or a number for all games.
-        guess: a `Solution` with a leading axis of B, to start from.
+        initial_guess: a `Solution` with a leading axis of B, to start from.
         options: tolerances.
         lanes: games that step together; default one on a processor, where each takes its turn
             (some where stages are large), and thousands on an accelerator.
@@ -63,7 +63,7 @@ def solve_many(
             wrong game is named. Nothing is solved then.
     """
     layout = layout_of(game)
-    states = _joint_states(layout, x0)
+    states = _joint_states(layout, initial_state)
     count = len(states)
     players = len(game.players)
     gammas = np.asarray(gamma, dtype=float)
@@ -74,7 +74,7 @@ def solve_many(
         )
     gammas = np.broadcast_to(gammas, (count, players))
     parameters = _checked(game, states, theta, gammas)
-    starts = None if guess is None else to_double(Iterate(*guess.point))
+    starts = None if initial_guess is None else to_double(Iterate(*initial_guess.point))
     if starts is not None:
         check_iterate(layout, starts, (count,))
     return solve_checked(layout, parameters, starts, options=options, lanes=lanes, threads=threads)
@@ -85,7 +85,7 @@ def solve_checked(
     parameters: Parameters,
     starts: Iterate | None,
     *,
-    options: Options = Options(),
+    options: SolverOptions = SolverOptions(),
     lanes: int | None = None,
     threads: int | None = None,
     active: int | None = None,
@@ -113,7 +113,7 @@ def solve_checked(
                 found = solve_in_turn(layout, options, *mine, asked[worker])
             else:  # even a single lane does without LAPACK
                 width = min(wanted, len(mine[0].gamma))
-                found = solve_lanes(layout, options, width, *mine, asked[worker])
+                found = solve_in_slots(layout, options, width, *mine, asked[worker])
             numbers: Solution = to_numpy(found)
         return numbers
 
@@ -175,20 +175,26 @@ def _cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _joint_states(layout: Layout, x0: Any) -> Float[np.ndarray, "B n"]:
+def _joint_states(layout: Layout, initial_state: Any) -> Float[np.ndarray, "B n"]:
     sizes = layout.game.state_sizes
-    if isinstance(x0, (list, tuple)):
-        if len(x0) != len(sizes):
-            raise ValueError(f"x0: has {len(x0)} players; expected {len(sizes)}")
-        parts = [np.asarray(v, dtype=float) for v in x0]
+    if isinstance(initial_state, (list, tuple)):
+        if len(initial_state) != len(sizes):
+            raise ValueError(
+                f"initial_state: has {len(initial_state)} players; expected {len(sizes)}"
+            )
+        parts = [np.asarray(v, dtype=float) for v in initial_state]
         for i, (part, size) in enumerate(zip(parts, sizes, strict=True)):
             if part.ndim != 2 or part.shape[1] != size:
-                raise ValueError(f"x0[{i}]: has shape {part.shape}; expected (B, {size})")
+                raise ValueError(
+                    f"initial_state[{i}]: has shape {part.shape}; expected (B, {size})"
+                )
         return np.concatenate(parts, axis=1)
-    array = np.asarray(x0, dtype=float)
+    array = np.asarray(initial_state, dtype=float)
     if array.size == 0:
-        raise ValueError("x0: is empty; expected at least one game")
+        raise ValueError("initial_state: is empty; expected at least one game")
     joint = array.reshape(len(array), -1) if array.ndim in (2, 3) else array
     if joint.ndim != 2 or joint.shape[1] != layout.n:
-        raise ValueError(f"x0: has shape {array.shape}; expected (B, {layout.n}) or (B, N, n_i)")
+        raise ValueError(
+            f"initial_state: has shape {array.shape}; expected (B, {layout.n}) or (B, N, n_i)"
+        )
     return joint

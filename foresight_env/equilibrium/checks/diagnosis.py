@@ -16,20 +16,30 @@ from foresight_env.games.types import AnyArray
 
 
 def check_start_is_finite(
-    layout: Layout, parameters: Parameters, guess: Iterate | AnyArray | None
+    layout: Layout, parameters: Parameters, initial_guess: Iterate | AnyArray | None
 ) -> None:
     """Raise `ValueError` naming a function whose value or derivatives are NaN or infinite.
 
-    Looked at is the trajectory that a solve begins with: nobody acts, or the guess.
+    Looked at is the trajectory that a solve begins with: nobody acts, or the initial guess.
     """
-    if guess is not None and not all(np.isfinite(v).all() for v in jax.tree.leaves(guess)):
-        raise ValueError("guess: contains NaN or infinity; expected finite numbers")
-    controls: Any = guess.u if isinstance(guess, Iterate) else guess
+    if initial_guess is not None and not all(
+        np.isfinite(v).all() for v in jax.tree.leaves(initial_guess)
+    ):
+        raise ValueError("initial_guess: contains NaN or infinity; expected finite numbers")
+    controls: Any = initial_guess.u if isinstance(initial_guess, Iterate) else initial_guess
     with jax.enable_x64(True):
-        u = jnp.zeros((layout.game.horizon, layout.m)) if guess is None else jnp.asarray(controls)
-        x0 = jnp.asarray(parameters.x0)
-        after = jnp.asarray(guess.x if isinstance(guess, Iterate) else rollout(layout, x0, u))
-        before = jnp.concatenate([x0[None], after[:-1]])
+        u = (
+            jnp.zeros((layout.game.horizon, layout.m))
+            if initial_guess is None
+            else jnp.asarray(controls)
+        )
+        initial_state = jnp.asarray(parameters.initial_state)
+        after = jnp.asarray(
+            initial_guess.x
+            if isinstance(initial_guess, Iterate)
+            else rollout(layout, initial_state, u)
+        )
+        before = jnp.concatenate([initial_state[None], after[:-1]])
         for part in parts_of(layout.game):
             starts = before if part.before else after
 

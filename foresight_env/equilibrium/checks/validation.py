@@ -22,16 +22,22 @@ BOUND_SLACK = 1e-6
 """How far an initial state may lie outside a hard bound: solutions meet bounds to rounding only."""
 
 
-def joint_state(game: Game, x0: Any, name: str = "x0") -> jax.Array | np.ndarray:
+def joint_state(
+    game: Game, initial_state: Any, name: str = "initial_state"
+) -> jax.Array | np.ndarray:
     """Per-player states, or an (N, n) array, as the joint state (n_1 + ... + n_N,).
 
     `name`: what the caller calls them.
     """
     sizes = game.state_sizes
-    if not isinstance(x0, (list, tuple)) and getattr(x0, "ndim", 0) == 1:
-        split: Any = jnp.split if is_traced(x0) else np.split
-        x0 = split(x0, np.cumsum(sizes)[:-1]) if x0.shape == (sum(sizes),) else x0
-    parts = list(x0)
+    if not isinstance(initial_state, (list, tuple)) and getattr(initial_state, "ndim", 0) == 1:
+        split: Any = jnp.split if is_traced(initial_state) else np.split
+        initial_state = (
+            split(initial_state, np.cumsum(sizes)[:-1])
+            if initial_state.shape == (sum(sizes),)
+            else initial_state
+        )
+    parts = list(initial_state)
     if len(parts) != len(sizes):
         raise ValueError(f"{name}: has {len(parts)} states; expected one per player, sizes {sizes}")
     for i, (part, size) in enumerate(zip(parts, sizes, strict=True)):
@@ -43,15 +49,19 @@ def joint_state(game: Game, x0: Any, name: str = "x0") -> jax.Array | np.ndarray
 
 
 def check_parameters(
-    game: Game, x0: Any, theta: Sequence[Theta], gamma: Any, state_name: str = "x0"
+    game: Game,
+    initial_state: Any,
+    theta: Sequence[Theta],
+    gamma: Any,
+    state_name: str = "initial_state",
 ) -> Parameters:
     """Shapes and values of a game's parameters; `ValueError` names the argument and the cure.
 
-    `state_name`: what the caller calls `x0`.
+    `state_name`: what the caller calls `initial_state`.
     """
     layout = layout_of(game)
     count = len(game.players)
-    state = joint_state(game, x0, state_name)
+    state = joint_state(game, initial_state, state_name)
     if isinstance(theta, dict) or len(theta) != count:
         raise ValueError(f"theta: expected {count} mappings, one per player")
     thetas = tuple({name: _entry(name, value) for name, value in p.items()} for p in theta)

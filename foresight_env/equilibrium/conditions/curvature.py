@@ -13,14 +13,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from foresight_env.equilibrium.conditions.layout import Layout
-from foresight_env.equilibrium.conditions.peers import (
+from foresight_env.equilibrium.conditions.identical_players import (
     apart,
     block_diagonal,
     inputs_of,
     moving_alike,
     spread,
 )
+from foresight_env.equilibrium.conditions.layout import Layout
 from foresight_env.equilibrium.linear_algebra.small_matrices import matrix_product
 from foresight_env.games.types import Scalar
 

@@ -26,7 +26,7 @@ from foresight_env.games.types import AnyArray, Theta
 class Parameters(NamedTuple):
     """What a game's equilibrium depends on."""
 
-    x0: Float[AnyArray, "n"]
+    initial_state: Float[AnyArray, "n"]
     """Joint state at t = 1."""
     theta: tuple[Theta, ...]
     """One mapping of cost parameters per player."""

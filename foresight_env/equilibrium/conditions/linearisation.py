@@ -14,15 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from foresight_env.equilibrium.conditions.kkt import (
-    Iterate,
-    Parameters,
-    discount_ratios,
-    row_shares,
-)
-from foresight_env.equilibrium.conditions.layout import Layout
-from foresight_env.equilibrium.conditions.pairs import split
-from foresight_env.equilibrium.conditions.peers import (
+from foresight_env.equilibrium.conditions.identical_players import (
     Peers,
     block_diagonal,
     in_place,
@@ -32,6 +24,14 @@ from foresight_env.equilibrium.conditions.peers import (
     spread,
     stack,
 )
+from foresight_env.equilibrium.conditions.kkt import (
+    Iterate,
+    Parameters,
+    discount_ratios,
+    row_shares,
+)
+from foresight_env.equilibrium.conditions.layout import Layout
+from foresight_env.equilibrium.conditions.pairs import split
 from foresight_env.games.costs import Composite
 from foresight_env.games.dynamics import Dynamics
 from foresight_env.games.types import Controls, CostFunction, Scalar, States, Theta
@@ -74,10 +74,10 @@ def _stage_cost(
     if not isinstance(cost, Composite):
         return jnp.asarray(cost(i, t, *now, theta))
 
-    def inner(stage: Stage) -> Array:
-        return jnp.asarray(cost.inner(i, t, *stage, theta))
+    def residual(stage: Stage) -> Array:
+        return jnp.asarray(cost.residual(i, t, *stage, theta))
 
-    return cost.outer(_partly_linear(inner, now, at, convexity), theta)
+    return cost.loss(_partly_linear(residual, now, at, convexity), theta)
 
 
 def _partly_linear(
@@ -138,7 +138,7 @@ def linearise(
     rho = ratios[:, layout.state_owner]
     penalty = layout.penalties(theta).astype(point.x.dtype)
     mult = split(layout, point.mult)
-    previous = jnp.concatenate([parameters.x0[None], point.x[:-1]])
+    previous = jnp.concatenate([parameters.initial_state[None], point.x[:-1]])
     w = jnp.concatenate([point.x, point.u], axis=1)
 
     peers = [(these, stack(theta, these.members)) for these in peers_of(layout, theta)]

@@ -8,8 +8,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from foresight_env.equilibrium.conditions.identical_players import apart, moving_alike
 from foresight_env.equilibrium.conditions.layout import Layout
-from foresight_env.equilibrium.conditions.peers import apart, moving_alike
 from foresight_env.games.types import AnyArray, StageNumber
 
 
@@ -24,7 +24,7 @@ def _next_state(layout: Layout, t: StageNumber, x: Array, u: Array) -> Array:
 
 
 def rollout(
-    layout: Layout, x0: Float[AnyArray, "n"], u: Float[AnyArray, "T m"]
+    layout: Layout, initial_state: Float[AnyArray, "n"], u: Float[AnyArray, "T m"]
 ) -> Float[Array, "T n"]:
     """States that controls lead to."""
 
@@ -33,7 +33,7 @@ def rollout(
         x = _next_state(layout, t, x, control)
         return x, x
 
-    _, x = jax.lax.scan(step, x0, (jnp.arange(1, layout.game.horizon + 1), u))
+    _, x = jax.lax.scan(step, initial_state, (jnp.arange(1, layout.game.horizon + 1), u))
     return x
 
 

@@ -94,7 +94,7 @@ def solve_stages(
     r_x: Float[Array, "T n"],
     r_u: Float[Array, "T m"],
     defect: Float[Array, "T n"],
-    dx0: Float[Array, "n"],
+    initial_change: Float[Array, "n"],
     first: int,
 ) -> tuple[Float[Array, "T n"], Float[Array, "T c"], Float[Array, "T k"]]:
     """`dx_{t+1}`, the `first` entries of `du_t` and the others, for one right-hand side.
@@ -106,12 +106,12 @@ def solve_stages(
     pushed = _times(jnp.swapaxes(factor.a, 1, 2), _times(factor.value, defect) + r_x)
     offset = factor.rho * (pushed - _times(factor.back, fixed))
     # y_t: what stages after t add to p_t; none after the last one.
-    later = affine_recursion(factor.adjoint, offset, jnp.zeros_like(dx0), reverse=True)
+    later = affine_recursion(factor.adjoint, offset, jnp.zeros_like(initial_change), reverse=True)
     y = jnp.concatenate([later[1:], jnp.zeros_like(later[:1])])
     wanted = fixed + _times(transposed, y)
     moved = defect - _times(factor.b, _times(factor.inverse, wanted))
-    dx = affine_recursion(factor.closed, moved, dx0)
-    before = jnp.concatenate([dx0[None], dx[:-1]])
+    dx = affine_recursion(factor.closed, moved, initial_change)
+    before = jnp.concatenate([initial_change[None], dx[:-1]])
 
     def entries(rows: slice) -> Array:
         # Matrices are cut, not the vectors that they make: XLA's CPU back-end (jaxlib 0.8 to 0.10,

@@ -1,4 +1,4 @@
-"""The equilibrium as a differentiable function of `x0`, `theta` and `gamma`.
+"""The equilibrium as a differentiable function of `initial_state`, `theta` and `gamma`.
 
 Implicit function theorem on the perturbed KKT system (paper, eq. 10, with the active set expressed
 by the barrier): the tangent of the solution solves the Newton system of the solution with the
@@ -20,9 +20,8 @@ from foresight_env.equilibrium.conditions.layout import Layout
 from foresight_env.equilibrium.conditions.pairs import Parts, join, pairs_of, split
 from foresight_env.equilibrium.conditions.residual import evaluate, violation
 from foresight_env.equilibrium.linear_algebra.stagewise import factorise, solve_stages
-from foresight_env.equilibrium.newton.attempts import attempt_count, attempt_rules
 from foresight_env.equilibrium.newton.interior_point import (
-    Options,
+    SolverOptions,
     accuracy_of,
     converged,
     iterate,
@@ -32,6 +31,7 @@ from foresight_env.equilibrium.newton.newton_system import (
     on_the_path,
     stage_system,
 )
+from foresight_env.equilibrium.newton.phases import attempt_count, attempt_rules
 from foresight_env.equilibrium.newton.start import Start, begin_attempt
 from foresight_env.games.types import Scalar
 
@@ -52,7 +52,9 @@ class Equilibrium(NamedTuple):
 
 
 @partial(jax.jit, static_argnums=(0, 1), inline=True)
-def _solve(layout: Layout, options: Options, parameters: Parameters, start: Start) -> Equilibrium:
+def _solve(
+    layout: Layout, options: SolverOptions, parameters: Parameters, start: Start
+) -> Equilibrium:
     """Attempts until one succeeds; module `start` says where each begins."""
     accuracy = accuracy_of(options, start.barrier)
     first = jnp.ones((), int) if start.near is None else jnp.where(start.near, 0, 1)
@@ -105,7 +107,7 @@ def _solve(layout: Layout, options: Options, parameters: Parameters, start: Star
 
 @partial(jax.custom_jvp, nondiff_argnums=(0, 1))
 def equilibrium(
-    layout: Layout, options: Options, parameters: Parameters, start: Start
+    layout: Layout, options: SolverOptions, parameters: Parameters, start: Start
 ) -> Equilibrium:
     """Solve from `start`; differentiable by `parameters` (`start` has no influence)."""
     return _solve(layout, options, parameters, start)
@@ -129,7 +131,7 @@ def _equilibrium_jvp(layout, options, primals, tangents):
 
 def solution_tangent(
     layout: Layout,
-    options: Options,
+    options: SolverOptions,
     result: Equilibrium,
     parameters: Parameters,
     change: Parameters,
@@ -153,7 +155,7 @@ def solution_tangent(
     known = eliminated.ratios
     wanted = -rows + known.excess * penalty
     n, m = layout.n, layout.m
-    # dx_1 enters the first defect, whose derivative by x0 is A_1 dx0.
+    # dx_1 enters the first defect, whose derivative by initial_state is A_1 initial_change.
     dx, du, mult = solve_stages(
         factor,
         jnp.zeros_like(point.x),

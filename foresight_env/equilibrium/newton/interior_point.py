@@ -1,7 +1,7 @@
 """Primal-dual interior-point method for a game's mixed complementarity problem.
 
 Every inequality `g >= 0` gets a slack and a multiplier with `slack * multiplier = barrier`;
-Newton's method follows that path down to `Options.barrier` with Mehrotra's predictor and corrector
+Newton's method follows that path down to `SolverOptions.barrier` with Mehrotra's predictor and corrector
 (Nocedal and Wright, "Numerical Optimization", 2nd ed., algorithm 14.3). What each iteration solves
 has the size of one stage (modules `newton_system`, `stagewise`).
 
@@ -32,7 +32,7 @@ from foresight_env.equilibrium.conditions.residual import (
 )
 from foresight_env.equilibrium.conditions.rollout import feedback_rollout
 from foresight_env.equilibrium.linear_algebra.stagewise import Factor, factorise
-from foresight_env.equilibrium.newton.convexity import next_convexity, used_convexity
+from foresight_env.equilibrium.newton.convexification import next_convexity, used_convexity
 from foresight_env.equilibrium.newton.newton_system import (
     Linear,
     direction,
@@ -46,7 +46,7 @@ from foresight_env.games.types import Scalar
 
 
 @dataclass(frozen=True)
-class Options:
+class SolverOptions:
     """Settings of the forward solver; the defaults are those that the benchmarks measured."""
 
     tolerance: float = 1e-8
@@ -57,7 +57,7 @@ class Options:
     """The same where some are not: a short-sighted driver's stages settle one after another."""
     barrier: float = 1e-9
     """Complementarity product at the solution: the solution is a smooth function of parameters."""
-    start_barriers: tuple[float, ...] = (0.1, 1.0, 100.0, 10.0)
+    barrier_schedule: tuple[float, ...] = (0.1, 1.0, 100.0, 10.0)
     """Complementarity product at the start of each attempt along the path. The first attempt begins
     at the start itself, later ones at controls nudged off any symmetry and with the exact curvature
     used earlier. A narrow path stays near the equilibrium that it begins at, and suits cars that
@@ -75,10 +75,10 @@ class Options:
     game is not solved soon are no step to take."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "start_barriers", tuple(self.start_barriers))
-        if not self.start_barriers or not all(b > 0.0 for b in self.start_barriers):
+        object.__setattr__(self, "barrier_schedule", tuple(self.barrier_schedule))
+        if not self.barrier_schedule or not all(b > 0.0 for b in self.barrier_schedule):
             raise ValueError(
-                f"start_barriers: is {self.start_barriers}; expected positive numbers, at least one"
+                f"barrier_schedule: is {self.barrier_schedule}; expected positive numbers, at least one"
             )
 
 
@@ -91,7 +91,7 @@ class Accuracy(NamedTuple):
     """Largest entry of the scaled KKT residual."""
 
 
-def accuracy_of(options: Options, barrier: Scalar | None) -> Accuracy:
+def accuracy_of(options: SolverOptions, barrier: Scalar | None) -> Accuracy:
     """The solution, or (`barrier` given) the smooth approximation of that product.
 
     An approximation is met no more closely than it deserves.
@@ -257,7 +257,7 @@ def iterate(
     layout: Layout,
     parameters: Parameters,
     start: Iterate,
-    options: Options,
+    options: SolverOptions,
     accuracy: Accuracy,
     exact_below: Scalar | float,
     limit: Int[Array, ""] | int,

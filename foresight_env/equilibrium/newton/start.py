@@ -19,8 +19,8 @@ from foresight_env.equilibrium.conditions.pairs import (
     split,
 )
 from foresight_env.equilibrium.conditions.rollout import rollout
-from foresight_env.equilibrium.newton.attempts import ATTEMPTS_NEAR, attempt_place
-from foresight_env.equilibrium.newton.interior_point import Options
+from foresight_env.equilibrium.newton.interior_point import SolverOptions
+from foresight_env.equilibrium.newton.phases import ATTEMPTS_NEAR, attempt_place
 from foresight_env.games.types import AnyArray, Scalar
 
 WARM_BARRIER = 1e-2
@@ -37,9 +37,9 @@ class Start(NamedTuple):
     """Whether the point solves a similar game, so that local steps are tried first. None: it does
     not, and the compiled program has no local steps."""
     barrier: Scalar | None = None
-    """Complementarity product at which to stop; None: that of `Options`."""
+    """Complementarity product at which to stop; None: that of `SolverOptions`."""
     trial: Bool[Array, ""] | None = None
-    """Whether the solve may give up early (`Options.trial_steps`): a fit only tries a step."""
+    """Whether the solve may give up early (`SolverOptions.trial_steps`): a fit only tries a step."""
 
 
 def on_central_path(
@@ -77,15 +77,15 @@ def on_central_path(
 
 def from_controls(
     layout: Layout,
-    options: Options,
+    options: SolverOptions,
     parameters: Parameters,
     u: Float[AnyArray, "T m"],
     attempt: Int[Array, ""] | int = 1,
 ) -> Iterate:
     """The trajectory of these controls, far from all bounds of multipliers."""
     u = jnp.asarray(u)
-    x = rollout(layout, parameters.x0, u)
-    barrier = jnp.asarray(options.start_barriers)[attempt - 1]
+    x = rollout(layout, parameters.initial_state, u)
+    barrier = jnp.asarray(options.barrier_schedule)[attempt - 1]
     return on_central_path(layout, parameters, x, u, barrier)
 
 
@@ -135,7 +135,7 @@ def adapted(layout: Layout, parameters: Parameters, point: Iterate) -> Iterate:
 
 def begin_attempt(
     layout: Layout,
-    options: Options,
+    options: SolverOptions,
     parameters: Parameters,
     start: Start,
     number: Int[Array, ""],
@@ -173,7 +173,7 @@ def begin_attempt(
 
 
 def begin(
-    layout: Layout, options: Options, parameters: Parameters, start: Iterate | AnyArray | None
+    layout: Layout, options: SolverOptions, parameters: Parameters, start: Iterate | AnyArray | None
 ) -> Start:
     """A start from nothing (None: nobody acts), controls (T, m), or a similar game's iterate."""
     if isinstance(start, Iterate):

@@ -45,11 +45,11 @@ class _Alone:
 
 @dataclass(frozen=True)
 class _AloneComposite(_Alone):
-    def inner(self, i: int, t: StageNumber, x: States, u: Controls, theta: Theta) -> Array:
-        return self.function.inner(*self.arguments(t, x, u, theta))
+    def residual(self, i: int, t: StageNumber, x: States, u: Controls, theta: Theta) -> Array:
+        return self.function.residual(*self.arguments(t, x, u, theta))
 
-    def outer(self, value: Array, theta: Theta) -> Scalar:
-        return self.function.outer(value, theta["own"])
+    def loss(self, value: Array, theta: Theta) -> Scalar:
+        return self.function.loss(value, theta["own"])
 
 
 @dataclass(frozen=True)

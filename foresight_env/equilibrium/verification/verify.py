@@ -28,7 +28,7 @@ from foresight_env.equilibrium.conditions.layout import Layout, layout_of
 from foresight_env.equilibrium.conditions.pairs import Parts, join, pairs_of, split
 from foresight_env.equilibrium.conditions.residual import evaluate
 from foresight_env.equilibrium.newton.implicit import Equilibrium, equilibrium
-from foresight_env.equilibrium.newton.interior_point import Options
+from foresight_env.equilibrium.newton.interior_point import SolverOptions
 from foresight_env.equilibrium.newton.start import Start, begin
 from foresight_env.equilibrium.solve import Solution
 from foresight_env.equilibrium.status import Status
@@ -76,7 +76,7 @@ def player_cost(
 
 
 def _reduced_hessian(
-    layout: Layout, options: Options, parameters: Parameters, point: Iterate
+    layout: Layout, options: SolverOptions, parameters: Parameters, point: Iterate
 ) -> Float[Array, "k k"]:
     """Second derivatives of a one-player game's Lagrangian by all controls (k = T m).
 
@@ -143,7 +143,7 @@ def restricted(layout: Layout, i: int, point: Iterate, parameters: Parameters) -
 
 @partial(jax.jit, static_argnums=(0, 1))
 def _verify(
-    layout: Layout, options: Options, parameters: Parameters, point: Iterate
+    layout: Layout, options: SolverOptions, parameters: Parameters, point: Iterate
 ) -> tuple[Array, Array, tuple[Array, ...], Array]:
     """Gaps, gaps from a cold start, reduced Hessians, and costs."""
     gaps, colds, hessians, costs = [], [], [], []
@@ -151,7 +151,7 @@ def _verify(
         alone = layout_of(best_response_game(layout.game, i))
         theta = best_response_theta(layout, i, parameters.theta, point.x, point.u)
         mine = Parameters(
-            parameters.x0[layout.state_slices[i]], (theta,), parameters.gamma[i : i + 1]
+            parameters.initial_state[layout.state_slices[i]], (theta,), parameters.gamma[i : i + 1]
         )
         own = restricted(layout, i, point, parameters)
         here = player_cost(alone, 0, own.x, own.u, mine)
@@ -178,7 +178,7 @@ def verify(
     theta: Sequence[Theta],
     gamma: Any,
     *,
-    options: Options = Options(),
+    options: SolverOptions = SolverOptions(),
 ) -> Verification:
     """Check that `solution` is a local equilibrium of `game` with these parameters.
 

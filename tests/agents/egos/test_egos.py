@@ -82,7 +82,7 @@ def test_it_drives(name):
     for step, info in zip(decisions, infos, strict=True):
         decision, state = step[EGO], info[EGO]["state"]
         assert space.contains(decision.action)  # finite, in bounds, float32
-        assert not decision.failed
+        assert not decision.plan_fallback
         assert decision.planned.shape == (HORIZON, 2)
         assert np.isfinite(decision.planned).all()
         # The plan begins where the agent is, as far as noise lets it know.
@@ -166,7 +166,7 @@ def test_a_failed_solve_continues_the_last_plan(name, monkeypatch):
     for _ in range(3):
         memory = policy.update(memory, observations[EGO], infos[EGO])
         decision, memory = policy.act(memory)
-        assert not decision.failed
+        assert not decision.plan_fallback
         observations, _, _, _, infos = env.step({EGO: decision.action})
     plan = memory.plan
     own = plan.solution.controls[plan.player]
@@ -174,7 +174,7 @@ def test_a_failed_solve_continues_the_last_plan(name, monkeypatch):
     for k in (1, 2):
         memory = policy.update(memory, observations[EGO], infos[EGO])
         decision, memory = policy.act(memory)
-        assert decision.failed
+        assert decision.plan_fallback
         np.testing.assert_array_equal(decision.action, np.float32(own[k]))
         np.testing.assert_array_equal(
             decision.planned[: HORIZON - k], plan.solution.states[plan.player][1 + k :, :2]
@@ -188,7 +188,7 @@ def test_without_a_plan_a_failed_solve_brakes(policy, velocity, monkeypatch):
     failing(monkeypatch)
     env = crossing(noise_std=0.0)
     start = np.array([[2.0, 2.0, *velocity], [0.0, 2.0, 0.0, 0.0]])
-    observations, infos = env.reset(seed=1, options={"initial_states": start})
+    observations, infos = env.reset(seed=1, options={"initial_state": start})
     memory = policy.init(env.scene, EGO)
     memory = policy.update(memory, observations[EGO], infos[EGO])
     if policy.name != "oracle":  # velocity takes two observations
@@ -198,7 +198,7 @@ def test_without_a_plan_a_failed_solve_brakes(policy, velocity, monkeypatch):
         memory = policy.update(memory, before, infos[EGO])
         memory = policy.update(memory, observations[EGO], infos[EGO])
     decision, _ = policy.act(memory)
-    assert decision.failed
+    assert decision.plan_fallback
     assert decision.planned is None
     np.testing.assert_allclose(decision.action, -np.array(velocity) / DT, atol=1e-4)
     assert np.abs(decision.action).max() <= CONTROL_LIMIT

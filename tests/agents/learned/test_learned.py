@@ -55,7 +55,7 @@ def test_others_matter_and_empty_places_do_not(name):
     seen = crowd(2)
     near = History(seen.states.copy(), seen.headings, seen.kinds, seen.extents, seen.dt)
     near.states[:, 1, :2] += near.states[-1, 0, :2] - near.states[-1, 1, :2] + 0.5
-    alone, together = (LearnedPredictor(name).predict(h, 5).likeliest for h in (seen, near))
+    alone, together = (LearnedPredictor(name).predict(h, 5).most_likely for h in (seen, near))
     assert np.abs(alone[:, 0] - together[:, 0]).max() > 1e-3
     network, _ = load_network(
         FOLDER / f"{name}.safetensors", lambda told: NETWORKS[name](key=jax.random.key(0))
@@ -73,11 +73,11 @@ def test_other_steps_and_many_agents(name):
     found = predictor.predict(seen, 14)  # farther than the network was trained for
     assert found.positions.shape[1:] == (14, AGENTS + 3, 2)
     assert np.isfinite(found.covariance).all()
-    coarse = predictor.predict(crowd(2), 4).likeliest
+    coarse = predictor.predict(crowd(2), 4).most_likely
     fine = History(
         *(getattr(crowd(2), n) for n in ("states", "headings", "kinds", "extents")), STEP
     )
-    np.testing.assert_array_equal(predictor.predict(fine, 8).likeliest[:4], coarse)
+    np.testing.assert_array_equal(predictor.predict(fine, 8).most_likely[:4], coarse)
 
 
 @pytest.mark.parametrize("name", [*NETWORKS, "gamma", *REACTIVE])

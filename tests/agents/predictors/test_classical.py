@@ -125,7 +125,7 @@ def following(gap, speed, leader_speed, wanted=None, steps=1):
     own = np.hstack([times * fast, 0 * times, fast + 0 * times, 0 * times])
     lead = np.hstack([gap + CAR[0] + times * leader_speed, 0 * times, leader_speed + 0 * times])
     history = seen(np.stack([own, np.hstack([lead, 0 * times])], axis=1), ("car", "car"))
-    return IdmPredictor().predict(history, steps).likeliest
+    return IdmPredictor().predict(history, steps).most_likely
 
 
 def test_idm_keeps_its_equilibrium_gap():
@@ -175,7 +175,7 @@ def test_constant_turn_and_acceleration_is_the_integral(rate, turn):
     moved = speeds[:, None] * np.stack([np.cos(turn * times), np.sin(turn * times)], axis=1)
     path = fine * np.cumsum(moved, axis=0)
     ends = np.round(DT * np.arange(1, steps + 1) / fine).astype(int) - 1
-    np.testing.assert_allclose(found.likeliest[:, 0], path[ends], atol=1e-3)
+    np.testing.assert_allclose(found.most_likely[:, 0], path[ends], atol=1e-3)
 
 
 def test_a_kalman_filter_without_acceleration_fits_a_line():
@@ -194,7 +194,7 @@ def test_a_kalman_filter_without_acceleration_fits_a_line():
         values = np.concatenate([states[:, 0, axis], states[:, 0, 2 + axis]])
         fitted = np.linalg.lstsq(design, values, rcond=None)[0]
         ahead = np.column_stack([np.ones(steps), DT * np.arange(1, steps + 1)])
-        np.testing.assert_allclose(found.likeliest[:, 0, axis], ahead @ fitted, atol=1e-9)
+        np.testing.assert_allclose(found.most_likely[:, 0, axis], ahead @ fitted, atol=1e-9)
         variance = std**2 * np.linalg.inv(design.T @ design)
         expected = np.einsum("ta,ac,tc->t", ahead, variance, ahead)
         np.testing.assert_allclose(found.covariance[0, :, 0, axis, axis], expected, rtol=1e-8)

@@ -43,9 +43,9 @@ def test_the_residual_vanishes_at_the_truth_alone(played, agent):
     gamma = (0.5, 0.9)
     states = played(gamma)
 
-    def least(value, wish):
+    def least(value, preferred):
         shape = (KINDS, DT, agent, states)
-        start, rates = _conditions(*shape, np.array([value, *wish, 0.0, 0.0, 0.0, 0.0]))
+        start, rates = _conditions(*shape, np.array([value, *preferred, 0.0, 0.0, 0.0, 0.0]))
         costate = np.linalg.lstsq(np.asarray(rates)[:, 3:], -np.asarray(start), rcond=None)[0]
         return float(np.linalg.norm(start + np.asarray(rates)[:, 3:] @ costate))
 
@@ -71,4 +71,4 @@ def test_more_foresight_is_seen_as_more(predictor, played):
     assert not far.fallback
     assert near.gamma[0] < far.gamma[0] - 0.1
     truth = played((0.2, 0.9))[9:, 0, :2]
-    assert np.linalg.norm(near.likeliest[:, 0] - truth, axis=1).max() < 0.02
+    assert np.linalg.norm(near.most_likely[:, 0] - truth, axis=1).max() < 0.02

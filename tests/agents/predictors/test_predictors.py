@@ -60,21 +60,21 @@ def test_a_forecast_has_a_place_for_everybody(predictor):
     assert found.positions.shape == (modes, AHEAD, 2, 2)
     assert np.isfinite(found.positions).all()
     assert found.probabilities.sum() == pytest.approx(1.0)
-    assert found.likeliest.shape == (AHEAD, 2, 2)
+    assert found.most_likely.shape == (AHEAD, 2, 2)
     if found.covariance is not None:
         assert found.covariance.shape == (modes, AHEAD, 2, 2, 2)
         assert (np.linalg.eigvalsh(found.covariance) >= -1e-9).all()
     assert not found.fallback
     # The first step begins where everybody was seen last.
-    step = np.linalg.norm(found.likeliest[0] - history().states[-1, :, :2], axis=1)
+    step = np.linalg.norm(found.most_likely[0] - history().states[-1, :, :2], axis=1)
     assert (step < 2.0 * 4.0 * DT).all()
 
 
 def test_forecasts_do_not_depend_on_the_axes(predictor):
     """Turned and moved, the same history has the same future, turned and moved."""
     angle, shift = 2.0, np.array([30.0, -7.0])
-    plain = predictor.predict(history(), AHEAD).likeliest
-    turned = predictor.predict(history(angle=angle, shift=shift), AHEAD).likeliest
+    plain = predictor.predict(history(), AHEAD).most_likely
+    turned = predictor.predict(history(angle=angle, shift=shift), AHEAD).most_likely
     back = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
     np.testing.assert_allclose((turned - shift) @ back.T, plain, atol=0.02)
 
@@ -87,7 +87,7 @@ def test_the_same_history_has_the_same_forecast(predictor):
 def test_constant_velocity_by_hand():
     seen = history()
     seen.states[-1, 1] = np.nan  # last seen one step earlier
-    path = ConstantVelocityPredictor().predict(seen, AHEAD).likeliest
+    path = ConstantVelocityPredictor().predict(seen, AHEAD).most_likely
     ahead = DT * np.arange(1, AHEAD + 1)[:, None]
     car, walker = seen.states[-1, 0], seen.states[-2, 1]
     np.testing.assert_allclose(path[:, 0], car[:2] + ahead * car[2:])
@@ -95,10 +95,10 @@ def test_constant_velocity_by_hand():
 
 
 def test_constant_turn_rate_stays_on_the_circle():
-    path = ConstantTurnRatePredictor().predict(history(turn=0.2), AHEAD).likeliest
+    path = ConstantTurnRatePredictor().predict(history(turn=0.2), AHEAD).most_likely
     angles = 0.2 * DT * (KNOWN - 1 + np.arange(1, AHEAD + 1))
     np.testing.assert_allclose(path[:, 0], turning(20.0, 4.0, angles)[0], atol=1e-9)
-    straight = ConstantVelocityPredictor().predict(history(turn=0.2), AHEAD).likeliest
+    straight = ConstantVelocityPredictor().predict(history(turn=0.2), AHEAD).most_likely
     np.testing.assert_allclose(path[:, 1], straight[:, 1])  # people go straight on
     assert not np.allclose(path[:, 0], straight[:, 0])
 
@@ -108,7 +108,7 @@ def test_the_game_keeps_to_a_circle_that_nobody_is_near():
     for late in (0, 2):
         found = EncounterPredictor().predict(history(late=late), AHEAD)
         circle = ConstantTurnRatePredictor().predict(history(late=late), AHEAD)
-        np.testing.assert_allclose(found.likeliest[:, 0], circle.likeliest[:, 0], atol=0.1)
+        np.testing.assert_allclose(found.most_likely[:, 0], circle.most_likely[:, 0], atol=0.1)
 
 
 def test_gammas_are_inferred_or_one():
@@ -139,7 +139,7 @@ def test_a_standing_vehicle_does_not_turn():
     standing = history(turn=0.0)
     standing.states[:, 0, 2:] = 0.1 * LEAST_SPEED, 0.0
     standing.headings[:, 0] = np.linspace(0.0, 3.0, KNOWN)  # what a tracker says of parked cars
-    path = ConstantTurnRatePredictor().predict(standing, AHEAD).likeliest[:, 0]
+    path = ConstantTurnRatePredictor().predict(standing, AHEAD).most_likely[:, 0]
     np.testing.assert_allclose(path[:, 1], standing.states[-1, 0, 1], atol=1e-12)
 
 

@@ -18,7 +18,7 @@ from foresight_env.envs.core.motion import applicable
 from foresight_env.envs.crosswalk.world import closest_approach
 from foresight_env.equilibrium import Status, solve
 from foresight_env.scenarios.crosswalk import Ranges, crosswalk_game, draw_crossing
-from foresight_env.scenarios.situation import Situation
+from foresight_env.scenarios.episode_parameters import EpisodeParameters
 from tests.support import env_conformance as conformance
 
 EGO = "pedestrian_0"
@@ -87,12 +87,12 @@ def overlapping():
         ("gamma", "low"),
         ("goals", np.zeros((2, 3))),
         ("goals", np.full((2, 2), 50.0)),
-        ("initial_states", np.zeros(8)),
-        ("initial_states", np.array([[0.0, 0, 0.9, 0], [2.0, 0, 0, 0]])),
-        ("initial_states", overlapping()),
-        ("situation", 3),
-        ("situation", draw_crossing(np.random.default_rng(0), 3)),
-        ("situation", draw_crossing(np.random.default_rng(0), 2)._replace(theta=({}, {}))),
+        ("initial_state", np.zeros(8)),
+        ("initial_state", np.array([[0.0, 0, 0.9, 0], [2.0, 0, 0, 0]])),
+        ("initial_state", overlapping()),
+        ("episode_parameters", 3),
+        ("episode_parameters", draw_crossing(np.random.default_rng(0), 3)),
+        ("episode_parameters", draw_crossing(np.random.default_rng(0), 2)._replace(theta=({}, {}))),
         ("speed", 1.0),
     ],
 )
@@ -110,14 +110,20 @@ def test_wrong_options_are_named_and_change_nothing(name, value):
 
 def test_options_replace_what_would_be_drawn():
     env = make(noise_std=0.0)
-    situation = draw_crossing(np.random.default_rng(3), 2, Ranges(control_weight=(0.2, 0.3)))
+    episode_parameters = draw_crossing(
+        np.random.default_rng(3), 2, Ranges(control_weight=(0.2, 0.3))
+    )
     gamma = np.array([0.4, 1.2])
-    observations, infos = env.reset(seed=0, options={"situation": situation, "gamma": gamma})
+    observations, infos = env.reset(
+        seed=0, options={"episode_parameters": episode_parameters, "gamma": gamma}
+    )
     info = infos[EGO]
     assert np.array_equal(info["gamma"], gamma)
-    assert np.array_equal(info["state"], situation.initial_states)
-    assert info["theta"]["control_weight"][1] == situation.theta[1]["control_weight"]
-    assert np.array_equal(observations[EGO][:4], situation.initial_states[0].astype(np.float32))
+    assert np.array_equal(info["state"], episode_parameters.initial_state)
+    assert info["theta"]["control_weight"][1] == episode_parameters.theta[1]["control_weight"]
+    assert np.array_equal(
+        observations[EGO][:4], episode_parameters.initial_state[0].astype(np.float32)
+    )
     # The draws of the next episode are those of an environment that was given no options.
     other = make(noise_std=0.0)
     other.reset(seed=0)
@@ -163,7 +169,7 @@ def test_malformed_actions_raise_value_error(action):
 
 
 @settings(max_examples=150, deadline=None)
-@given(st.sampled_from(["gamma", "goals", "initial_states", "situation", "other"]), values)
+@given(st.sampled_from(["gamma", "goals", "initial_state", "episode_parameters", "other"]), values)
 def test_malformed_options_raise_value_error(name, value):
     env = make(controlled="all")
     legal = (name == "gamma" and is_legal(value, (2,), 1e300) and (np.array(value) >= 0).all()) or (
@@ -216,7 +222,7 @@ def test_collision_inside_a_step_ends_the_episode():
     env = make(controlled="all", max_steps=1)
     states = np.array([[0.0, 0.0, 0.8, 0.0], [0.562, 0.0, -0.8, 0.0]])
     goals = np.array([[5.0, 5.0], [-5.0, 5.0]])
-    env.reset(seed=0, options={"initial_states": states, "goals": goals})
+    env.reset(seed=0, options={"initial_state": states, "goals": goals})
     push = {EGO: np.array([-10.0, 0.0]), "pedestrian_1": np.array([10.0, 0.0])}
     _, _, terminated, truncated, infos = env.step(push)
     gap = np.linalg.norm(np.diff(infos[EGO]["state"][:, :2], axis=0))
@@ -232,7 +238,7 @@ def test_goal_is_latched_and_all_must_reach_theirs():
     env = make(controlled="all", max_steps=60)
     states = np.array([[0.0, 0.0, 0.8, 0.0], [5.0, 0.0, 0.0, 0.0]])
     goals = np.array([[0.1, 0.0], [5.0, 0.8]])
-    env.reset(seed=0, options={"initial_states": states, "goals": goals})
+    env.reset(seed=0, options={"initial_state": states, "goals": goals})
     while env.agents:
         actions = {EGO: np.array([0.0, 0.0]), "pedestrian_1": np.array([0.0, 2.0])}
         _, _, terminated, _, infos = env.step(actions)
@@ -250,15 +256,15 @@ def test_collision_among_the_others_does_not_end_the_episode():
         def __init__(self, setting):
             assert setting.players == 3
 
-        def reset(self, situation):
-            self.situation = situation
+        def reset(self, episode_parameters):
+            self.episode_parameters = episode_parameters
 
         def act(self, states):
             return np.array([[0.0, 0.0], [5.0, 0.0], [-5.0, 0.0]])
 
     env = make(players=3, behaviour=Towards)
     states = np.array([[5.0, 5, 0, 0], [0.0, 0, 0, 0], [0.6, 0, 0, 0]])
-    env.reset(seed=0, options={"initial_states": states})
+    env.reset(seed=0, options={"initial_state": states})
     for _ in range(3):
         _, _, terminated, _, infos = env.step(STILL)
     gap = np.linalg.norm(infos[EGO]["state"][1, :2] - infos[EGO]["state"][2, :2])
@@ -318,7 +324,7 @@ def test_without_any_plan_others_brake_to_rest(behaviour, monkeypatch):
     monkeypatch.setattr(oracle, "solve", fail)
     env = make(behaviour=behaviour)
     states = np.array([[0.0, 0, 0, 0], [3.0, 0, 0.5, -0.8]])
-    env.reset(seed=0, options={"initial_states": states})
+    env.reset(seed=0, options={"initial_state": states})
     for _ in range(2):
         info = env.step(STILL)[4][EGO]
         assert np.abs(info["state"][1, 2:]).max() < 1e-12
@@ -379,10 +385,12 @@ def test_scene_tells_what_a_policy_may_know():
 
 
 def test_a_situation_can_be_played_again():
-    situation = draw_crossing(np.random.default_rng(8), 2)
-    assert isinstance(situation, Situation)
+    episode_parameters = draw_crossing(np.random.default_rng(8), 2)
+    assert isinstance(episode_parameters, EpisodeParameters)
     env = make()
-    first, second = (conformance.episode(env, s, {"situation": situation}) for s in (0, 1))
+    first, second = (
+        conformance.episode(env, s, {"episode_parameters": episode_parameters}) for s in (0, 1)
+    )
     assert np.array_equal(first[0][1][EGO]["state"], second[0][1][EGO]["state"])
     assert not np.array_equal(first[0][0][EGO], second[0][0][EGO])  # noise is the seed's
 

@@ -213,7 +213,7 @@ def test_pure_functions_under_jit_vmap_and_scan(behaviour):
     @jax.jit
     @partial(jax.vmap)
     def episode(key):
-        situation = functional.draw(setting, key)
+        episode_parameters = functional.draw(setting, key)
 
         def step(planned, _):
             seen = functional.observe(setting, planned.state, key)
@@ -223,8 +223,8 @@ def test_pure_functions_under_jit_vmap_and_scan(behaviour):
             planned, outcome = functional.advance(setting, planned, action)
             return planned, (planned.state.states, outcome, action, planned.status)
 
-        begun = functional.begin(setting, situation)
-        return situation, jax.lax.scan(step, begun, None, steps)[1]
+        begun = functional.begin(setting, episode_parameters)
+        return episode_parameters, jax.lax.scan(step, begun, None, steps)[1]
 
     with jax.enable_x64(True):
         found = episode(jax.random.split(jax.random.key(0), 2))
@@ -232,8 +232,8 @@ def test_pure_functions_under_jit_vmap_and_scan(behaviour):
     assert (status == 0).all()
     env = gymnasium.make(ID, behaviour=behaviour, noise_std=0.0, **SHORT)
     for k in range(2):
-        situation = jax.tree.map(lambda v, k=k: v[k], situations)
-        env.reset(options={"situation": situation})
+        episode_parameters = jax.tree.map(lambda v, k=k: v[k], situations)
+        env.reset(options={"episode_parameters": episode_parameters})
         for t in range(steps):
             _, reward, terminated, _, info = env.step(actions[k, t].astype(np.float32))
             np.testing.assert_allclose(info["state"], states[k, t], atol=1e-7)
@@ -248,10 +248,10 @@ def test_draws_lie_in_their_ranges():
     low, high = setting.ranges.gamma
     assert low <= found.gamma.min() < low + 0.02
     assert high - 0.02 < found.gamma.max() <= high
-    spread = found.initial_states[:, :, :2].max(axis=0) - found.initial_states[:, :, :2].min(axis=0)
+    spread = found.initial_state[:, :, :2].max(axis=0) - found.initial_state[:, :, :2].min(axis=0)
     np.testing.assert_allclose(spread, 2.0 * setting.ranges.start, rtol=0.1)
-    assert (found.initial_states[:, :, 2:] == 0.0).all()
-    assert (np.abs(found.initial_states) < 10 * SPEED_LIMIT).all()
+    assert (found.initial_state[:, :, 2:] == 0.0).all()
+    assert (np.abs(found.initial_state) < 10 * SPEED_LIMIT).all()
 
 
 def test_few_sizes_are_compiled():

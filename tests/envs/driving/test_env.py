@@ -57,9 +57,9 @@ def test_idm_cars_drive_as_highway_envs_road_drives_them(scene):
     )
     _, infos = everybody.reset(seed=2)
     info = infos["car_0"]
-    situation = everybody._episode.situation
+    episode_parameters = everybody._episode.episode_parameters
     drivers = IdmDrivers(SCENES[scene], everybody_setting(everybody))
-    drivers.reset(situation)
+    drivers.reset(episode_parameters)
     road: Road = drivers._vehicles[0].road
     states = info["state"]
     for _ in range(15):
@@ -174,7 +174,7 @@ def test_what_the_foresight_ego_believes_of_others():
         assert np.linalg.norm(other["path"][:, :2] - place, axis=1).min() < 1.1
     assert memory.estimator.game.horizon == policy.window - 1 + 2  # three fifths of four stages
     assert [f.theta for f in memory.estimator.free] == [(), ("target_speed",)]
-    assert memory.estimator.prior.theta_deviation == env.scene.belief.deviation
+    assert memory.estimator.prior.theta_deviation == env.scene.opponent_prior.deviation
     surer = (("target_speed", 0.5),)
     stated = InferGamma(prior=Prior(theta_deviation=surer)).init(env.scene, "car_0")
     assert stated.estimator.prior.theta_deviation == surer

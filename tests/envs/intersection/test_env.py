@@ -70,11 +70,11 @@ def test_draws_at_the_limits_are_legal_and_around_the_published_situation(count)
     for seed in range(60):
         drawn = draw_junction(np.random.default_rng(seed), *count, wide)
         still = np.zeros((sum(count), 2))
-        assert (world.gaps(drawn.initial_states, still, drawn.initial_states) > 0.0).all()
-        assert not world.off_road(drawn.initial_states).any()
-        assert (drawn.initial_states[count[0] :, 2] > 0.0).all()
+        assert (world.gaps(drawn.initial_state, still, drawn.initial_state) > 0.0).all()
+        assert not world.off_road(drawn.initial_state).any()
+        assert (drawn.initial_state[count[0] :, 2] > 0.0).all()
     near = draw_junction(np.random.default_rng(0), 2, 2)
-    assert np.abs(near.initial_states[:, :2] - AACHEN.initial_states[:, :2]).max() <= 2.0
+    assert np.abs(near.initial_state[:, :2] - AACHEN.initial_state[:, :2]).max() <= 2.0
     with pytest.raises(ValueError, match="cars"):
         draw_junction(np.random.default_rng(0), 1, 5)
 
@@ -97,17 +97,17 @@ def test_wrong_initial_states_are_named(message, change):
     for player, state in change.items():
         states[player] = state
     with pytest.raises(ValueError, match=message):
-        make().reset(seed=0, options={"initial_states": states})
+        make().reset(seed=0, options={"initial_state": states})
 
 
 def test_a_situation_of_other_kinds_is_refused():
     drawn, people = (draw_junction(np.random.default_rng(0), n, 1) for n in (1, 2))
     with pytest.raises(ValueError, match=r"theta\[1\].*lane_weight"):
-        make().reset(options={"situation": drawn._replace(theta=people.theta[:2])})
+        make().reset(options={"episode_parameters": drawn._replace(theta=people.theta[:2])})
 
 
 def drive(env, action, states, steps=6):
-    env.reset(seed=0, options={"initial_states": states})
+    env.reset(seed=0, options={"initial_state": states})
     for _ in range(steps):
         _, _, terminated, truncated, infos = env.step({CAR: np.asarray(action)})
         if not env.agents:
@@ -137,7 +137,7 @@ def test_leaving_the_road_ends_the_episode():
 def test_coming_by_its_goal_is_success_for_a_car():
     env = make()
     goals = np.array([[-18.0, 76.0], [-31.0, 63.0]])
-    env.reset(seed=0, options={"initial_states": APART, "goals": goals})
+    env.reset(seed=0, options={"initial_state": APART, "goals": goals})
     while env.agents:
         _, _, terminated, _, infos = env.step(COAST)
     assert terminated[CAR]
@@ -148,7 +148,7 @@ def test_coming_by_its_goal_is_success_for_a_car():
 def test_cars_do_not_reverse_and_pedestrians_may_touch():
     env = make(pedestrians=2, controlled="all")
     states = np.array([[-18.4, 66.3, 0.0, 0.0], [-18.3, 66.3, 0.0, 0.0], APART[1]])
-    env.reset(seed=0, options={"initial_states": states})
+    env.reset(seed=0, options={"initial_state": states})
     while env.agents:
         actions = {a: np.zeros(2) for a in env.agents}
         infos = env.step({**actions, "car_2": np.array([-5.0, 0.3])})[4]
@@ -162,7 +162,7 @@ def test_cars_do_not_reverse_and_pedestrians_may_touch():
 def test_others_play_the_equilibrium_of_the_true_game():
     env = make()
     drawn = draw_junction(np.random.default_rng(4), 1, 1)
-    env.reset(seed=0, options={"situation": drawn})
+    env.reset(seed=0, options={"episode_parameters": drawn})
     solution = solve(junction_game(1, 1, 6), *drawn, throw=True)
     info = env.step(COAST)[4][CAR]
     assert info["solver_status"] == Status.SOLVED
@@ -177,7 +177,7 @@ def test_without_any_plan_others_brake(monkeypatch):
 
     monkeypatch.setattr(oracle, "solve", fail)
     env = make(controlled=(0,))
-    env.reset(seed=0, options={"initial_states": APART})
+    env.reset(seed=0, options={"initial_state": APART})
     info = env.step({"pedestrian_0": np.zeros(2)})[4]["pedestrian_0"]
     assert info["controls"][1] == pytest.approx([-5.0, 0.0])
     assert info["solver_failures"] == 1
@@ -191,7 +191,7 @@ def test_the_oracle_ego_drives_here_too():
     while env.agents:
         memory = policy.update(memory, observations[CAR], infos[CAR])
         decision, memory = policy.act(memory)
-        assert not decision.failed
+        assert not decision.plan_fallback
         observations, _, _, _, infos = env.step({CAR: decision.action})
     assert not infos[CAR]["collision"]
     assert not infos[CAR]["off_road"]

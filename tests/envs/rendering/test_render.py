@@ -102,7 +102,7 @@ def test_nobody_leaves_the_picture():
     """An agent that wanders off makes the view wider: its colour stays visible."""
     states = np.array([[15.0, -12.0, 0.0, 0.0], [0.0, 2.0, 0.0, 0.0]])
     env = make()
-    env.reset(seed=0, options={"initial_states": states})
+    env.reset(seed=0, options={"initial_state": states})
     scene = env.render()[:, :640].reshape(-1, 3)
     assert (np.abs(scene.astype(int) - (0, 114, 178)).sum(axis=1) < 12).any()
 
@@ -111,7 +111,7 @@ def test_collisions_are_marked():
     env = make(None, controlled="all")
     env.render_mode = "rgb_array"
     states = np.array([[0.0, 0.0, 0.8, 0.0], [0.55, 0.0, -0.8, 0.0]])
-    env.reset(seed=0, options={"initial_states": states})
+    env.reset(seed=0, options={"initial_state": states})
     env.step({agent: np.zeros(2) for agent in env.agents})
     assert env.agents == []
     assert env.render().shape == (620, 900, 3)

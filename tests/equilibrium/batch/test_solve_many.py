@@ -7,7 +7,7 @@ import jax
 import numpy as np
 import pytest
 
-from foresight_env.equilibrium import Options, Status, shift, solve, solve_many
+from foresight_env.equilibrium import SolverOptions, Status, shift, solve, solve_many
 from foresight_env.equilibrium.batch.solve_many import LIBRARY_LANES, default_lanes
 from foresight_env.equilibrium.conditions.layout import layout_of
 from foresight_env.scenarios.crosswalk import crosswalk_game
@@ -61,7 +61,7 @@ def test_games_that_fail_leave_the_others_alone():
 
 def test_attempts_are_made_as_solve_makes_them():
     states, gamma = drawn(4)
-    options = Options(max_iterations=6)
+    options = SolverOptions(max_iterations=6)
     found = solve_many(crossing(), states, crossing_theta(), gamma, lanes=2, options=options)
     assert found.iterations.max() > 6
     for k in range(4):
@@ -72,7 +72,7 @@ def test_parameters_of_each_game_and_a_warm_start():
     states, gamma = drawn(3)
     thetas = [crossing_theta(CROSSING_GOALS + 0.05 * k) for k in range(3)]
     found = solve_many(crossing(), states, thetas, gamma, threads=1)
-    again = solve_many(crossing(), states, thetas, gamma, guess=found, threads=1)
+    again = solve_many(crossing(), states, thetas, gamma, initial_guess=found, threads=1)
     assert (again.status == Status.SOLVED).all()
     assert (again.iterations < found.iterations).all()
     for k in range(3):
@@ -88,17 +88,24 @@ def test_local_steps_that_lead_away_are_given_up_after_three():
     gamma = np.tile(gamma, (2, 1))
     begun = solve_many(crossing(), states, crossing_theta(), gamma)
     far = jax.tree.map(lambda v: np.roll(v, 5, axis=0), begun)
-    found = solve_many(crossing(), states, crossing_theta(), gamma, guess=far)
+    found = solve_many(crossing(), states, crossing_theta(), gamma, initial_guess=far)
     assert (found.status == Status.SOLVED).all()
     given_up = alike = 0
     for k in range(len(states)):
-        guess = jax.tree.map(lambda v, k=k: v[k], far)
+        initial_guess = jax.tree.map(lambda v, k=k: v[k], far)
         usual, three = (
-            solve(crossing(), states[k], crossing_theta(), gamma[k], guess=guess, options=options)
-            for options in (Options(), Options(local_steps=3))
+            solve(
+                crossing(),
+                states[k],
+                crossing_theta(),
+                gamma[k],
+                initial_guess=initial_guess,
+                options=options,
+            )
+            for options in (SolverOptions(), SolverOptions(local_steps=3))
         )
         alike += usual.iterations == found.iterations[k]
-        given_up += usual.iterations == three.iterations > Options().local_steps
+        given_up += usual.iterations == three.iterations > SolverOptions().local_steps
     assert 0 < given_up < len(states)
     # Long ways are not the same to the last bit, nor then to the last step.
     assert alike > 0.5 * len(states)
@@ -112,7 +119,7 @@ from foresight_env.scenarios.crosswalk import crosswalk_game, draw_crossing
 players, proximity, count = int(sys.argv[1]), sys.argv[2], int(sys.argv[3])
 drawn = [draw_crossing(np.random.default_rng(k), players) for k in range(count)]
 found = solve_many(
-    crosswalk_game(players, 5, proximity), np.stack([d.initial_states for d in drawn]),
+    crosswalk_game(players, 5, proximity), np.stack([d.initial_state for d in drawn]),
     [d.theta for d in drawn], np.stack([d.gamma for d in drawn]), threads=2,
 )
 assert (found.status == 0).all(), found.status
@@ -154,23 +161,23 @@ def test_shift_refuses_a_batch():
 @pytest.mark.parametrize(
     ("change", "told"),
     [
-        ({"x0": np.zeros((0, 8))}, "x0: is empty"),
-        ({"x0": np.zeros((3, 7))}, r"x0: has shape \(3, 7\)"),
+        ({"initial_state": np.zeros((0, 8))}, "initial_state: is empty"),
+        ({"initial_state": np.zeros((3, 7))}, r"initial_state: has shape \(3, 7\)"),
         ({"gamma": np.ones((3, 2))}, r"gamma: has shape \(3, 2\)"),
         ({"gamma": [[0.5, 0.5], [0.5, -1.0]]}, r"game 1: gamma\[1\]: is -1"),
         ({"theta": [crossing_theta()]}, "theta: has 1 entries"),
-        ({"guess": "other"}, "guess: solves another game: joint states have shape"),
+        ({"initial_guess": "other"}, "initial_guess: solves another game: joint states have shape"),
     ],
 )
 def test_bad_arguments_are_named(change, told):
     arguments = {
-        "x0": np.tile(CROSSING_STATES, (2, 1, 1)),
+        "initial_state": np.tile(CROSSING_STATES, (2, 1, 1)),
         "theta": crossing_theta(),
         "gamma": np.tile(CROSSING_GAMMA, (2, 1)),
         **change,
     }
-    if "guess" in arguments:
-        arguments["guess"] = solve_many(
+    if "initial_guess" in arguments:
+        arguments["initial_guess"] = solve_many(
             crossing(), np.tile(CROSSING_STATES, (3, 1, 1)), crossing_theta(), 0.9, threads=1
         )
     with pytest.raises(ValueError, match=told):

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from foresight_env.equilibrium import WEAK_COMPLEMENTARITY, Options, Status, solve
+from foresight_env.equilibrium import WEAK_COMPLEMENTARITY, SolverOptions, Status, solve
 from tests.support.small_games import (
     CROSSING_GAMMA,
     CROSSING_GOALS,
@@ -20,7 +20,7 @@ from tests.support.small_games import (
     unequal_sizes,
 )
 
-# All that an equilibrium depends on, as one vector: x0 (8), goals (4), price, gammas (2).
+# All that an equilibrium depends on, as one vector: initial_state (8), goals (4), price, gammas (2).
 POINT = np.concatenate([CROSSING_STATES.ravel(), CROSSING_GOALS.ravel(), [2.0], CROSSING_GAMMA])
 
 
@@ -67,7 +67,7 @@ def test_forward_and_reverse_derivatives_are_those_of_the_solution(kind):
     np.testing.assert_allclose(np.asarray(reverse), pull @ forward, rtol=1e-7, atol=1e-7)
 
 
-# The same for a bicycle (nonlinear dynamics) that meets a walker: x0 (6), goals (4), gammas (2).
+# The same for a bicycle (nonlinear dynamics) that meets a walker: initial_state (6), goals (4), gammas (2).
 UNEQUAL = np.concatenate([*UNEQUAL_STATES, *(t["goal"] for t in UNEQUAL_THETA), [0.9, 0.6]])
 
 
@@ -110,7 +110,7 @@ def test_vmap_is_a_loop():
 
 def test_concrete_calls_return_doubles_whatever_the_callers_precision():
     assert not jax.config.read("jax_enable_x64")
-    found = solved("soft", POINT, Options())
+    found = solved("soft", POINT, SolverOptions())
     assert isinstance(found.states[0], np.ndarray)
     assert found.states[0].dtype == np.float64
     assert not jax.config.read("jax_enable_x64")
@@ -129,7 +129,7 @@ def test_single_precision_callers_may_trace_and_differentiate():
     assert found.states[0].dtype == jnp.float32
     assert found.status == Status.SOLVED
     assert not jax.config.read("jax_enable_x64")
-    exact = solved("soft", POINT, Options())
+    exact = solved("soft", POINT, SolverOptions())
     weights = np.arange(1.0, 5.0)
     assert float(value) == pytest.approx(exact.states[0][-1] @ weights, rel=1e-5)
     step = 1e-5

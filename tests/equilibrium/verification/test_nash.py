@@ -32,8 +32,8 @@ def walker(state, control):
     return state + DT * control
 
 
-def roll(motion, x0, controls):
-    states = [np.asarray(x0)]
+def roll(motion, initial_state, controls):
+    states = [np.asarray(initial_state)]
     for control in controls:
         states.append(motion(states[-1], control))
     return np.array(states)
@@ -57,7 +57,7 @@ def cost(kind, i, states, controls, goal, gamma):
 
 
 def case(kind):
-    """Game, x0, theta, motions, control limits."""
+    """Game, initial_state, theta, motions, control limits."""
     if kind == "unequal":
         limits = (np.array([2.0, 0.5]), np.array([np.inf, np.inf]))
         return unequal_sizes(), UNEQUAL_STATES, UNEQUAL_THETA, (bicycle, walker), limits
@@ -78,7 +78,7 @@ def feasible(kind, i, states, controls, limit, slack=1e-9):
 
 def deviations(kind, found, gamma, random):
     """(rise of the deviator's cost, step) for every feasible one-sided change tried."""
-    _, x0, theta, motions, limits = case(kind)
+    _, initial_state, theta, motions, limits = case(kind)
     rises = []
     for i in range(2):
         base = cost(kind, i, found.states, found.controls[i], theta[i]["goal"], gamma[i])
@@ -90,7 +90,7 @@ def deviations(kind, found, gamma, random):
             for step in (0.2, 0.02, -0.02, -0.2):
                 controls = found.controls[i] + step * (plan - found.controls[i])
                 states = list(found.states)
-                states[i] = roll(motions[i], x0[i], controls)
+                states[i] = roll(motions[i], initial_state[i], controls)
                 if feasible(kind, i, states, controls, limits[i]):
                     new = cost(kind, i, states, controls, theta[i]["goal"], gamma[i])
                     rises.append((new - base, step))
@@ -99,12 +99,12 @@ def deviations(kind, found, gamma, random):
 
 @pytest.mark.parametrize("kind", ["soft", "reference", "hard", "unequal"])
 def test_no_player_gains_by_deviating_alone(kind):
-    game, x0, theta, motions, limits = case(kind)
-    found = solve(game, x0, theta, CROSSING_GAMMA)
+    game, initial_state, theta, motions, limits = case(kind)
+    found = solve(game, initial_state, theta, CROSSING_GAMMA)
     assert found.status == Status.SOLVED
     for i in range(2):
         np.testing.assert_allclose(
-            found.states[i], roll(motions[i], x0[i], found.controls[i]), atol=1e-7
+            found.states[i], roll(motions[i], initial_state[i], found.controls[i]), atol=1e-7
         )
         assert feasible(kind, i, found.states, found.controls[i], limits[i], slack=1e-7)
     rises = deviations(kind, found, CROSSING_GAMMA, np.random.default_rng(0))
@@ -115,8 +115,8 @@ def test_no_player_gains_by_deviating_alone(kind):
 
 
 def test_the_deviation_test_rejects_what_is_no_equilibrium():
-    game, x0, theta, _, _ = case("soft")
-    found = solve(game, x0, theta, CROSSING_GAMMA)
+    game, initial_state, theta, _, _ = case("soft")
+    found = solve(game, initial_state, theta, CROSSING_GAMMA)
     elsewhere = deviations("soft", found, np.array([0.3, 0.99]), np.random.default_rng(0))
     assert elsewhere[:, 0].min() < -1e-4
 
@@ -139,10 +139,10 @@ def test_individual_and_common_multipliers_choose_different_equilibria():
 
 
 def test_a_warm_start_reaches_the_same_equilibrium_sooner():
-    game, x0, theta, _, _ = case("soft")
-    cold = solve(game, x0, theta, CROSSING_GAMMA)
-    near = solve(game, x0, theta, CROSSING_GAMMA + 0.01)
-    warm = solve(game, x0, theta, CROSSING_GAMMA, guess=near)
+    game, initial_state, theta, _, _ = case("soft")
+    cold = solve(game, initial_state, theta, CROSSING_GAMMA)
+    near = solve(game, initial_state, theta, CROSSING_GAMMA + 0.01)
+    warm = solve(game, initial_state, theta, CROSSING_GAMMA, initial_guess=near)
     assert warm.status == Status.SOLVED
     assert warm.iterations < cold.iterations
     for a, b in zip(warm.states, cold.states, strict=True):
@@ -150,15 +150,15 @@ def test_a_warm_start_reaches_the_same_equilibrium_sooner():
 
 
 def test_controls_as_a_guess_and_a_shifted_solution_reach_an_equilibrium():
-    game, x0, theta, _, _ = case("soft")
-    cold = solve(game, x0, theta, CROSSING_GAMMA)
-    guided = solve(game, x0, theta, CROSSING_GAMMA, guess=cold.controls)
+    game, initial_state, theta, _, _ = case("soft")
+    cold = solve(game, initial_state, theta, CROSSING_GAMMA)
+    guided = solve(game, initial_state, theta, CROSSING_GAMMA, initial_guess=cold.controls)
     np.testing.assert_allclose(guided.states[0], cold.states[0], atol=1e-6)
     later = [s[1] for s in cold.states]
     fresh = solve(game, later, theta, CROSSING_GAMMA)
     moved = shift(cold)
     np.testing.assert_array_equal(moved.controls[0][:-1], cold.controls[0][1:])
-    warm = solve(game, later, theta, CROSSING_GAMMA, guess=moved)
+    warm = solve(game, later, theta, CROSSING_GAMMA, initial_guess=moved)
     assert warm.status == Status.SOLVED
     np.testing.assert_allclose(warm.states[0], fresh.states[0], atol=1e-6)
 

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from foresight_env.equilibrium import Options, Status, solve, verify
+from foresight_env.equilibrium import SolverOptions, Status, solve, verify
 from foresight_env.equilibrium.checks.validation import check_parameters
 from foresight_env.equilibrium.conditions.kkt import Parameters
 from foresight_env.equilibrium.conditions.layout import layout_of
@@ -32,7 +32,7 @@ def test_random_crosswalks_are_solved_and_some_verified():
     random = np.random.default_rng(2024)
     for k in range(20):
         drawn = draw_crossing(random, 2)
-        found = solve(game, drawn.initial_states, drawn.theta, drawn.gamma)
+        found = solve(game, drawn.initial_state, drawn.theta, drawn.gamma)
         assert found.status == Status.SOLVED, k
         assert found.residual <= 1e-8
         if k < 5:
@@ -61,18 +61,20 @@ def test_common_multipliers_are_each_players_own_share():
             point = jax.tree.map(jnp.asarray, found.point)
             theta = best_response_theta(layout, i, parameters.theta, point.x, point.u)
             mine = Parameters(
-                parameters.x0[layout.state_slices[i]], (theta,), parameters.gamma[i : i + 1]
+                parameters.initial_state[layout.state_slices[i]],
+                (theta,),
+                parameters.gamma[i : i + 1],
             )
             own = restricted(layout, i, point, parameters)
-            at = evaluate(alone, pairs_of(alone), own, mine, jnp.zeros(()), Options().barrier)
+            at = evaluate(alone, pairs_of(alone), own, mine, jnp.zeros(()), SolverOptions().barrier)
             assert at.error < 1e-7
 
 
 def test_a_head_on_stalemate_is_a_saddle():
     """On one line, symmetric: neither has a reason to step aside, and both would gain by it."""
     game, theta = crossing("reference"), crossing_theta(np.array([[1.0, 0.0], [0.0, 0.0]]), 20.0)
-    x0 = np.array([[0.0, 0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]])
-    stalemate = solve(game, x0, theta, 0.95)
+    initial_state = np.array([[0.0, 0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]])
+    stalemate = solve(game, initial_state, theta, 0.95)
     assert stalemate.status == Status.SOLVED
     assert np.abs(np.stack(stalemate.states)[..., 1]).max() < 1e-9
     checked = verify(game, stalemate, theta, 0.95)
@@ -95,8 +97,8 @@ def ring():
 
 @pytest.mark.parametrize(("start", "expected"), [(0.0, False), (0.8, True)])
 def test_a_maximiser_is_told_from_a_minimiser(start, expected):
-    x0, theta = np.array([[start, 0.0, 0.0, 0.0]]), ({"height": 1.0},)
-    found = solve(ring(), x0, theta, 0.9)
+    initial_state, theta = np.array([[start, 0.0, 0.0, 0.0]]), ({"height": 1.0},)
+    found = solve(ring(), initial_state, theta, 0.9)
     assert found.status == Status.SOLVED
     checked = verify(ring(), found, theta, 0.9)
     assert bool(checked.is_local_equilibrium) is expected
@@ -104,8 +106,8 @@ def test_a_maximiser_is_told_from_a_minimiser(start, expected):
 
 
 def test_a_plan_that_is_no_equilibrium_is_refused():
-    x0, theta = np.array([[0.8, 0.0, 0.0, 0.0]]), ({"height": 1.0},)
-    found = solve(ring(), x0, theta, 0.9)
+    initial_state, theta = np.array([[0.8, 0.0, 0.0, 0.0]]), ({"height": 1.0},)
+    found = solve(ring(), initial_state, theta, 0.9)
     worse = found.point._replace(u=found.point.u + 0.5)
     checked = verify(ring(), found._replace(point=worse), theta, 0.9)
     assert not checked.is_local_equilibrium
@@ -113,8 +115,8 @@ def test_a_plan_that_is_no_equilibrium_is_refused():
 
 
 def test_an_unsolved_game_is_never_an_equilibrium():
-    x0, theta = np.array([[0.8, 0.0, 0.0, 0.0]]), ({"height": 1.0},)
-    found = solve(ring(), x0, theta, 0.9)
+    initial_state, theta = np.array([[0.8, 0.0, 0.0, 0.0]]), ({"height": 1.0},)
+    found = solve(ring(), initial_state, theta, 0.9)
     failed = found._replace(status=np.asarray(int(Status.ITERATION_LIMIT)))
     assert not verify(ring(), failed, theta, 0.9).is_local_equilibrium
 
@@ -125,8 +127,8 @@ os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
 import numpy as np
 from foresight_env.equilibrium import solve, verify
 from tests.equilibrium.verification.test_verify import ring
-x0, theta = np.array([[0.8, 0.0, 0.0, 0.0]]), ({"height": 1.0},)
-assert verify(ring(), solve(ring(), x0, theta, 0.9), theta, 0.9).is_local_equilibrium
+initial_state, theta = np.array([[0.8, 0.0, 0.0, 0.0]]), ({"height": 1.0},)
+assert verify(ring(), solve(ring(), initial_state, theta, 0.9), theta, 0.9).is_local_equilibrium
 """
 
 

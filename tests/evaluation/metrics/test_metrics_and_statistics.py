@@ -99,7 +99,7 @@ def test_likelihood_prefers_the_covariance_that_errors_have():
 
 
 def test_best_displacement_by_hand():
-    """The third future is right, but only two of the likeliest count."""
+    """The third future is right, but only two of the most_likely count."""
     truth, present = np.zeros((2, 1, 2)), np.ones((2, 1), bool)
     positions = np.stack([np.full((2, 1, 2), x) for x in (1.0, 2.0, 0.0)])
     chances = np.array([0.5, 0.3, 0.2])

@@ -137,7 +137,7 @@ def test_a_perfect_forecast_and_a_shifted_one():
         assert off[name] == pytest.approx(3.0)
     assert off["agent_errors"] == pytest.approx([3.0, 3.0])
     assert off["missed"] == 2
-    assert perfect["surprise"] is None  # it says nothing of chances
+    assert perfect["nll"] is None  # it says nothing of chances
 
 
 def test_the_best_of_several_futures_and_their_chances():
@@ -150,7 +150,7 @@ def test_the_best_of_several_futures_and_their_chances():
     assert row["best_average_error"] == row["best_final_error"] == 0.0
     surer = judged(window, Forecast(both, chances[::-1], spread))
     assert surer["average_error"] == 0.0
-    assert surer["surprise"] < row["surprise"]
+    assert surer["nll"] < row["nll"]
 
 
 @pytest.fixture(scope="module")
@@ -207,7 +207,7 @@ def test_the_report_tells_what_broke_and_compares_the_rest(tmp_path, data):
     assert turn["windows"] == velocity["windows"] == len(rows) // 2 - 1
     assert (turn["ADE [m]"], velocity["ADE [m]"]) == ("2.000", "1.000")
     assert prediction_report.likelihoods(rows) == []
-    told = [{**r, "surprise": 1.5} for r in rows]
+    told = [{**r, "nll": 1.5} for r in rows]
     assert {line["NLL"] for line in prediction_report.likelihoods(told)} == {"1.50"}
     (line,) = prediction_report.differences(rows)
     assert line["ADE [m]"] == "+1.000 (too few groups)"

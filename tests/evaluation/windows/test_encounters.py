@@ -56,7 +56,7 @@ def test_forecasts(sample, predictor, number):
     found = forecast(encounter, predictor)
     assert found.predictor == predictor
     assert not found.forecast.fallback
-    told = displacement(found.forecast.likeliest, window.truth, window.present)
+    told = displacement(found.forecast.most_likely, window.truth, window.present)
     assert (found.average_error, found.final_error) == told
     # People walk 5 m in that time, the car drives 15 m; a sensible prediction is off by less.
     limit = 0.5 if "veh:0" not in window.agents else 2.0

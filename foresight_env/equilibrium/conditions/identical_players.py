@@ -19,8 +19,8 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from foresight_env.equilibrium.conditions.layout import Layout
-from foresight_env.games.anonymous import tells_apart
 from foresight_env.games.game import Game
+from foresight_env.games.permutation import distinguishes
 from foresight_env.games.types import ConstraintFunction, CostFunction, Theta
 
 
@@ -83,7 +83,7 @@ def _peers(layout: Layout, shapes: tuple[Any, ...]) -> tuple[Peers, ...]:
             return (
                 all(size[i] == size[j] for size in sizes)
                 and shapes[i] == shapes[j]
-                and not tells_apart(part.function, i, j)
+                and not distinguishes(part.function, i, j)
             )
 
         for run in _runs(players, alike):

@@ -44,7 +44,7 @@ def test_the_rates_are_those_of_the_moved_fit(at):
     options, small = made._default_options(), 1e-5
     base = np.concatenate(found.solution.states, axis=1)
     for k, name in enumerate(found.names):
-        x0 = [s.copy() for s in found.initial_state]
+        initial_state = [s.copy() for s in found.initial_state]
         theta, gamma = [dict(t) for t in found.theta], found.gamma.copy()
         entry, player = name.split(" of ")
         if entry == "gamma":
@@ -52,20 +52,26 @@ def test_the_rates_are_those_of_the_moved_fit(at):
             change = -small
         else:
             place = int(entry.split("[")[1][:-1])
-            vector = x0[int(player)] if entry.startswith("x0") else theta[int(player)]["goal"]
+            vector = (
+                initial_state[int(player)]
+                if entry.startswith("initial_state")
+                else theta[int(player)]["goal"]
+            )
             vector = vector.copy()
             vector[place] += small
             change = small
-            if entry.startswith("x0"):
-                x0[int(player)] = vector
+            if entry.startswith("initial_state"):
+                initial_state[int(player)] = vector
             else:
                 theta[int(player)]["goal"] = vector
-        again = solve(made.game, x0, theta, gamma, guess=found.solution, options=options)
+        again = solve(
+            made.game, initial_state, theta, gamma, initial_guess=found.solution, options=options
+        )
         slope = (np.concatenate(again.states, axis=1) - base)[ahead:] / change
         np.testing.assert_allclose(
             rates.states[: len(slope) - 1, :, k], slope[:-1], atol=2e-3, err_msg=name
         )
-        is_state = np.array([n.startswith("x0[") for n in found.names])
+        is_state = np.array([n.startswith("initial_state[") for n in found.names])
         np.testing.assert_allclose(rates.carry[is_state, k], slope[0], atol=2e-3, err_msg=name)
         np.testing.assert_array_equal(
             rates.carry[~is_state, k], np.eye(len(is_state))[~is_state, k]
@@ -90,7 +96,7 @@ def test_the_step_explains_the_new_observation_better():
         stepped = made.update(before, row)
     (arguments, named), *others = fits
     assert not others
-    plain = fitted(*arguments, **{**named, "guess_rates": None})
+    plain = fitted(*arguments, **{**named, "initial_guess_rates": None})
     assert stepped.estimate.cost < 0.7 * plain.cost
     assert (
         stepped.estimate.cost > fitted(*arguments, **{**named, "method": made.method}).cost * 0.99
@@ -108,12 +114,17 @@ def test_rates_of_something_else_are_refused():
         "free": made.free,
     }
     window = seen()[:WINDOW]
-    with pytest.raises(ValueError, match=r"guess_rates: .* with a guess only"):
-        estimate(made.game, window, made.model, **arguments, guess_rates=rates)
+    with pytest.raises(ValueError, match=r"initial_guess_rates: .* with an initial guess only"):
+        estimate(made.game, window, made.model, **arguments, initial_guess_rates=rates)
     short = Rates(rates.states[1:], rates.carry)
-    with pytest.raises(ValueError, match=r"guess_rates: has states \(.*expected"):
+    with pytest.raises(ValueError, match=r"initial_guess_rates: has states \(.*expected"):
         estimate(
-            made.game, window, made.model, **arguments, guess=found.solution, guess_rates=short
+            made.game,
+            window,
+            made.model,
+            **arguments,
+            initial_guess=found.solution,
+            initial_guess_rates=short,
         )
 
 
@@ -124,7 +135,9 @@ def test_a_fit_that_fails_is_followed_by_one_afresh_and_then_by_a_patient_one(mo
     real = window_fit.estimate
 
     def failed(*args, **kwargs):
-        calls.append((kwargs["guess"] is None, kwargs["method"].hurried, kwargs["starts"].count))
+        calls.append(
+            (kwargs["initial_guess"] is None, kwargs["method"].hurried, kwargs["starts"].count)
+        )
         return real(*args, **kwargs)._replace(status=np.asarray(int(Status.ITERATION_LIMIT)))
 
     monkeypatch.setattr(window_fit, "estimate", failed)
@@ -147,11 +160,11 @@ def test_what_no_game_explains_is_looked_for_afresh_once():
     row[4:6] += 0.5
     state = made.update(state, row)
     assert state.afresh
-    assert state.misfit > 10.0
+    assert state.reduced_chi_squared > 10.0
     after = made.update(state, seen()[9])
     assert not after.afresh
     assert after.failures == 0
-    assert after.guess is not None
+    assert after.initial_guess is not None
 
 
 @pytest.mark.parametrize(("players", "quick"), [(2, False), (3, True)])

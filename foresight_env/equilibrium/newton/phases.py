@@ -11,11 +11,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
 from foresight_env.equilibrium.conditions.layout import Layout
-from foresight_env.equilibrium.newton.interior_point import Options
+from foresight_env.equilibrium.newton.interior_point import SolverOptions
 from foresight_env.games.types import AnyArray, Scalar
 
 EXACT_FROM_SOLUTION = 10.0
-"""Factor of `Options.exact_below` on the path from a similar game's solution: curvature there is
+"""Factor of `SolverOptions.exact_below` on the path from a similar game's solution: curvature there is
 much like the solution's."""
 ATTEMPTS_NEAR = 2
 """Attempts along the path from a similar game's solution, the second from its controls, nudged,
@@ -24,26 +24,26 @@ put aside at once for a cold start, which breaks no symmetry, two walkers who fa
 to wait for each other, and in the closed loop to collide."""
 
 
-def step_limit(layout: Layout, options: Options) -> int:
+def step_limit(layout: Layout, options: SolverOptions) -> int:
     """Newton steps that an attempt along the path may take."""
     return options.max_iterations if layout.linear else options.nonlinear_iterations
 
 
-def attempt_count(options: Options, near: Bool[AnyArray, ""] | None) -> Int[Array, ""]:
+def attempt_count(options: SolverOptions, near: Bool[AnyArray, ""] | None) -> Int[Array, ""]:
     """Attempts along the path."""
-    count = jnp.asarray(len(options.start_barriers))
+    count = jnp.asarray(len(options.barrier_schedule))
     return count if near is None else count + ATTEMPTS_NEAR * near
 
 
 def attempt_place(number: Int[Array, ""], near: Bool[AnyArray, ""] | None) -> Int[Array, ""]:
-    """Place in `Options.start_barriers`, from 1; counted anew once a solution is put aside."""
+    """Place in `SolverOptions.barrier_schedule`, from 1; counted anew once a solution is put aside."""
     if near is None:
         return number
     return jnp.where(near & (number > ATTEMPTS_NEAR), number - ATTEMPTS_NEAR, number)
 
 
 def attempt_rules(
-    layout: Layout, options: Options, number: Int[Array, ""], near: Bool[AnyArray, ""] | None
+    layout: Layout, options: SolverOptions, number: Int[Array, ""], near: Bool[AnyArray, ""] | None
 ) -> tuple[Scalar, Int[Array, ""]]:
     """Of an attempt along the path: below which residual curvature is exact, and most steps.
 

@@ -8,7 +8,7 @@ import pytest
 import foresight_env.inverse.window_fit as window_fit
 from foresight_env.envs.core.scene import own_first
 from foresight_env.equilibrium import Status, solve
-from foresight_env.inverse import Free, OnlineEstimator, Prior
+from foresight_env.inverse import Free, MovingHorizonEstimator, Prior
 from foresight_env.scenarios.crosswalk import MONTE_CARLO, crosswalk_game, player_theta
 from tests.support.small_crossings import HORIZON, WINDOW
 
@@ -32,14 +32,14 @@ def estimator(**changes):
         "prior": Prior(gamma_weight=4.0, theta_deviation=(("goal", 3.0),)),
         **changes,
     }
-    return OnlineEstimator(**arguments)
+    return MovingHorizonEstimator(**arguments)
 
 
 @lru_cache
 def seen():
     """Noisy observations of the game's equilibrium over a horizon whose end is not felt."""
     setting = MONTE_CARLO
-    played = solve(crosswalk_game(2, 25), setting.initial_states, setting.theta, GAMMA, throw=True)
+    played = solve(crosswalk_game(2, 25), setting.initial_state, setting.theta, GAMMA, throw=True)
     clean = np.concatenate(played.states, axis=1)[:LENGTH]
     return clean + STD * np.random.default_rng(0).standard_normal(clean.shape)
 
@@ -97,7 +97,7 @@ def test_the_present_follows_an_agent_that_no_game_explains():
     row[2:4] = 0.0
     for _ in range(3):
         state = made.update(state, row)
-    assert state.misfit > 2.0
+    assert state.reduced_chi_squared > 2.0
     fitted = np.concatenate([s[state.stage] for s in state.estimate.solution.states])
     now = np.concatenate(state.present)
     assert np.abs(fitted[:4] - row[:4]).max() > 20.0 * STD
@@ -241,7 +241,7 @@ def test_the_arrival_cost_is_the_forecast_of_the_fit_before_the_window(monkeypat
     start = LENGTH - WINDOW  # the window's first observation, counted from 0
     before = states[start].estimate  # made when observations 0 .. start - 1 had come
     expected = np.concatenate([s[len(states[start].observations)] for s in before.solution.states])
-    is_state = np.array([n.startswith("x0[") for n in before.names])
+    is_state = np.array([n.startswith("initial_state[") for n in before.names])
     for prior in priors:
         np.testing.assert_array_equal(prior.mean[is_state], expected)
         np.testing.assert_array_equal(prior.mean[~is_state], before.values[~is_state])
@@ -307,9 +307,9 @@ def test_a_fit_that_was_given_up_is_redone_where_nothing_is_better(monkeypatch):
 
     def astray(*arguments, **named):
         given = named["method"].give_up
-        asked.append((named["guess"] is not None, float(given)))
+        asked.append((named["initial_guess"] is not None, float(given)))
         found = fitted(*arguments, **named)
-        if named["guess"] is None:
+        if named["initial_guess"] is None:
             return found._replace(status=np.asarray(int(Status.ITERATION_LIMIT)))
         return found._replace(cost=np.asarray(10.0 * given)) if np.isfinite(given) else found
 
@@ -318,4 +318,4 @@ def test_a_fit_that_was_given_up_is_redone_where_nothing_is_better(monkeypatch):
     assert [guessed for guessed, _ in asked] == [True, False, True]
     assert np.isfinite([limit for _, limit in asked]).tolist() == [True, False, False]
     assert after.failures == 0
-    assert after.misfit < 2.0
+    assert after.reduced_chi_squared < 2.0

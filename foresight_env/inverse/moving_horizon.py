@@ -2,7 +2,7 @@
 
 Each update fits the game to the last `window` observations. Everything before the window enters as
 an arrival cost: the posterior of the fit that ended with the observation before the window's first,
-its state carried to the window's first stage, widened by `Drift`. So no observation is counted
+its state carried to the window's first stage, widened by `ProcessNoise`. So no observation is counted
 twice, and parameters may change.
 """
 
@@ -16,24 +16,24 @@ import numpy as np
 from jaxtyping import Float
 
 from foresight_env.equilibrium.conditions.layout import layout_of
-from foresight_env.equilibrium.newton.interior_point import Options
+from foresight_env.equilibrium.newton.interior_point import SolverOptions
 from foresight_env.equilibrium.solve import Solution
 from foresight_env.games.game import Game, inside_bounds
 from foresight_env.games.observations import ObservationModel
 from foresight_env.games.types import Theta
 from foresight_env.inverse.coordinates import Free
+from foresight_env.inverse.current_state import corrected
 from foresight_env.inverse.estimate import Estimate
 from foresight_env.inverse.gauss_newton import GaussNewton
-from foresight_env.inverse.initial import NeverSeenError, guess_initial_states
-from foresight_env.inverse.present import corrected
+from foresight_env.inverse.initial import NeverSeenError, guess_initial_state
 from foresight_env.inverse.prior import Prior
 from foresight_env.inverse.window_fit import WindowFit, moved_along, rates_of
 
 PLAUSIBLE = 1.5
-"""`OnlineState.misfit` up to which no other equilibrium is looked for: of 30 degrees of freedom,
+"""`MovingHorizonState.reduced_chi_squared` up to which no other equilibrium is looked for: of 30 degrees of freedom,
 noise alone leaves more once in twenty times."""
 WORSE = 1.3
-"""Rise of a larger misfit, as a ratio to the update before, after which one is; without a rise it
+"""Rise of a larger reduced_chi_squared, as a ratio to the update before, after which one is; without a rise it
 is looked for once per window."""
 
 LEAST_SPECTRUM = 1e-13
@@ -50,17 +50,17 @@ ONE_GAME_STEPS = 40
 36, with 10 a third."""
 
 
-def quick_options(variance: float) -> Options:
+def quick_options(variance: float) -> SolverOptions:
     """Forward-solver settings for fits that are wanted in time.
 
     The game is smoothed by less than the noise (a complementarity product moves what rests on a
     bound by about as much), which spares a fit most of its refused steps.
     """
     barrier = float(np.clip(variance, 1e-9, 1e-3))
-    return Options(tolerance=max(1e-8, 1e-3 * barrier), barrier=barrier)
+    return SolverOptions(tolerance=max(1e-8, 1e-3 * barrier), barrier=barrier)
 
 
-class Drift(NamedTuple):
+class ProcessNoise(NamedTuple):
     """Standard deviations by which beliefs widen over one window."""
 
     gamma: float = 0.2
@@ -78,10 +78,10 @@ class Belief(NamedTuple):
     mean: Float[np.ndarray, "p"]
     covariance: Float[np.ndarray, "p p"]
     widening: Float[np.ndarray, "p"]
-    """Standard deviations that `Drift` adds until it is used."""
+    """Standard deviations that `ProcessNoise` adds until it is used."""
 
 
-class OnlineState(NamedTuple):
+class MovingHorizonState(NamedTuple):
     """What the estimator remembers."""
 
     observations: tuple[Float[np.ndarray, "size"], ...]
@@ -89,7 +89,7 @@ class OnlineState(NamedTuple):
     """Beliefs of the last updates, oldest first."""
     estimate: Estimate | None
     """The last estimate that could be used; its stage 1 is the window's first observation."""
-    guess: Solution | None
+    initial_guess: Solution | None
     theta: tuple[Theta, ...]
     gamma: Float[np.ndarray, "N"]
     first_theta: tuple[Theta, ...]
@@ -98,21 +98,21 @@ class OnlineState(NamedTuple):
     """Observations so far."""
     failures: int
     """Updates that found no usable fit and kept the previous estimate."""
-    misfit: float = 1.0
+    reduced_chi_squared: float = 1.0
     """How much more than the noise the last fit leaves unexplained, as a ratio of variances, at
     least 1. Covariances of the estimate are to be multiplied by it (Birge, Phys. Rev. 40, 1932)."""
     present: tuple[Float[np.ndarray, "_"], ...] | None = None
     """Every player's state now: the estimate's, the more corrected by the newest observation the
-    less the fit explains what was seen (`misfit`). What a plan is to begin with."""
+    less the fit explains what was seen (`reduced_chi_squared`). What a plan is to begin with."""
     afresh: bool = False
     """Whether the next quick update looks for another equilibrium."""
 
     @property
     def gamma_deviation(self) -> Float[np.ndarray, "N"]:
-        """Deviation of each discount factor, `misfit` included; NaN before any estimate."""
+        """Deviation of each discount factor, `reduced_chi_squared` included; NaN before any estimate."""
         if self.estimate is None:
             return np.full(len(self.gamma), np.nan)
-        return self.estimate.gamma_deviation * np.sqrt(self.misfit)
+        return self.estimate.gamma_deviation * np.sqrt(self.reduced_chi_squared)
 
     @property
     def stage(self) -> int:
@@ -121,8 +121,8 @@ class OnlineState(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class OnlineEstimator:
-    """Settings; all that changes travels in `OnlineState`.
+class MovingHorizonEstimator:
+    """Settings; all that changes travels in `MovingHorizonState`.
 
     `game` has the horizon `window - 1` plus what is to be predicted. `free` must free the initial
     states. The first updates, with little data, and those after a failure start afresh.
@@ -135,8 +135,8 @@ class OnlineEstimator:
     """Variance of the noise of the newest observation."""
     window: int = 10
     prior: Prior = Prior()
-    drift: Drift = Drift()
-    aging: float = 1.0
+    process_noise: ProcessNoise = ProcessNoise()
+    forgetting_factor: float = 1.0
     """How much the noise deviation of an observation grows per step into the past. Above 1 where
     agents change their plans, so that old observations say less of what they will do."""
     starts: int = 2
@@ -153,11 +153,11 @@ class OnlineEstimator:
     step on the last fit's derivatives leads (module `linear_step`), or, when the last fit left too
     much unexplained, from the observations. Then `careful_updates`, `warm_steps` and `method` have
     no say."""
-    options: Options | None = None
+    options: SolverOptions | None = None
     """Of the forward solver; None: `quick_options` of the covariance."""
     method: GaussNewton = GaussNewton(max_iterations=8, cost_tolerance=1e-3, smoothing=(3e-2,))
 
-    def init(self, theta: Sequence[Theta], gamma: Any) -> OnlineState:
+    def init(self, theta: Sequence[Theta], gamma: Any) -> MovingHorizonState:
         """Nothing seen yet; `theta` and `gamma` are fixed values or first guesses."""
         count = len(self.game.players)
         each = (self.free,) * count if isinstance(self.free, Free) else self.free
@@ -180,9 +180,11 @@ class OnlineEstimator:
                     f"gamma[{i}]: starts at {value:g}; it is estimated in [{low:g}, {high:g}] "
                     "(free.gamma_range)"
                 )
-        return OnlineState((), (), None, None, tuple(theta), discounts, tuple(theta), 0, 0)
+        return MovingHorizonState((), (), None, None, tuple(theta), discounts, tuple(theta), 0, 0)
 
-    def update(self, state: OnlineState, observation: Float[np.ndarray, "size"]) -> OnlineState:
+    def update(
+        self, state: MovingHorizonState, observation: Float[np.ndarray, "size"]
+    ) -> MovingHorizonState:
         """Take one observation (NaN where missing); never worse than keeping the last estimate."""
         if np.shape(observation) != (self.model.size,):
             raise ValueError(
@@ -207,7 +209,7 @@ class OnlineEstimator:
         except NeverSeenError:  # wait for it
             return state._replace(failures=state.failures + 1)
         age = np.maximum(len(observations) - 1 - np.arange(self.window), 0)
-        variance = self.covariance * self.aging ** (2.0 * age)
+        variance = self.covariance * self.forgetting_factor ** (2.0 * age)
         fits = WindowFit(
             self.game,
             self.model,
@@ -221,18 +223,18 @@ class OnlineEstimator:
             state.gamma,
         )
         last = None
-        if state.estimate is not None and state.guess is not None:
+        if state.estimate is not None and state.initial_guess is not None:
             last = moved_along(state.estimate, sliding)
         if self.quick:
             return self._take_quickly(state, fits, last, sliding)
         return self._take(state, fits, self._searched(state, fits, last), sliding)
 
-    def _default_options(self) -> Options:
+    def _default_options(self) -> SolverOptions:
         options = quick_options(self.covariance)
         return replace(options, trial_steps=ONE_GAME_STEPS) if self.quick else options
 
     def _searched(
-        self, state: OnlineState, fits: WindowFit, last: Estimate | None
+        self, state: MovingHorizonState, fits: WindowFit, last: Estimate | None
     ) -> Estimate | None:
         """The better one of a fit that goes on and, where it is due, one that starts afresh."""
         # A game may have several equilibria. The last one is where the present one is expected;
@@ -241,76 +243,80 @@ class OnlineEstimator:
         # it is not worth the time.
         found, given_up = None, False
         if last is not None and state.total >= self.careful_updates + 2:
-            worst = GIVE_UP * max(PLAUSIBLE, state.misfit) * fits.freedom(last)
+            worst = GIVE_UP * max(PLAUSIBLE, state.reduced_chi_squared) * fits.freedom(last)
             brief = replace(self.method, max_iterations=self.warm_steps, give_up=worst)
-            found = fits.run(brief, guess=last.solution)
+            found = fits.run(brief, initial_guess=last.solution)
             given_up = worst < fits.cost(found) < np.inf
-        if found is None or self._doubtful(state, fits.misfit(found)):
+        if found is None or self._doubtful(state, fits.reduced_chi_squared(found)):
             other = fits.run(self.method, self.starts if last is None else 1)
             if last is not None and given_up and not fits.cost(other) < fits.cost(found):
-                other = fits.run(self.method, guess=last.solution)  # there is nothing better
+                other = fits.run(
+                    self.method, initial_guess=last.solution
+                )  # there is nothing better
             if fits.cost(other) < fits.cost(found):
                 found = other
         return found
 
-    def _doubtful(self, state: OnlineState, misfit: float) -> bool:
-        rises = misfit > WORSE * state.misfit
-        return misfit > PLAUSIBLE and (rises or state.total % self.window == 0)
+    def _doubtful(self, state: MovingHorizonState, reduced_chi_squared: float) -> bool:
+        rises = reduced_chi_squared > WORSE * state.reduced_chi_squared
+        return reduced_chi_squared > PLAUSIBLE and (rises or state.total % self.window == 0)
 
     def _take_quickly(
-        self, state: OnlineState, fits: WindowFit, last: Estimate | None, sliding: bool
-    ) -> OnlineState:
+        self, state: MovingHorizonState, fits: WindowFit, last: Estimate | None, sliding: bool
+    ) -> MovingHorizonState:
         """One game's fit. A failure is followed by a fit afresh, two by one that takes its time."""
         if last is not None and not state.afresh:
-            found = fits.run(ONE_GAME, guess=last.solution, rates=rates_of(last))
-            misfit = fits.misfit(found)
+            found = fits.run(ONE_GAME, initial_guess=last.solution, rates=rates_of(last))
+            reduced_chi_squared = fits.reduced_chi_squared(found)
             following = self._take(state, fits, found, sliding)
-            kept = None if np.isfinite(misfit) else last.solution
-            afresh = self._doubtful(state, misfit)
-            return following._replace(afresh=afresh, guess=kept or following.guess)
+            kept = None if np.isfinite(reduced_chi_squared) else last.solution
+            afresh = self._doubtful(state, reduced_chi_squared)
+            return following._replace(afresh=afresh, initial_guess=kept or following.initial_guess)
         state = state._replace(afresh=False)
         method = ONE_GAME if last is not None else replace(ONE_GAME, hurried=False)
         found = fits.run(method, 1 if last is not None else self.starts)
-        misfit = fits.misfit(found)
-        if last is not None and state.misfit <= misfit < np.inf:
+        reduced_chi_squared = fits.reduced_chi_squared(found)
+        if last is not None and state.reduced_chi_squared <= reduced_chi_squared < np.inf:
             following = self._keep(state, sliding)
-            return following._replace(guess=last.solution, failures=state.failures)
+            return following._replace(initial_guess=last.solution, failures=state.failures)
         return self._take(state, fits, found, sliding)
 
     def _take(
-        self, state: OnlineState, fits: WindowFit, found: Estimate | None, sliding: bool
-    ) -> OnlineState:
+        self, state: MovingHorizonState, fits: WindowFit, found: Estimate | None, sliding: bool
+    ) -> MovingHorizonState:
         """Go on with a fit, or with the last one where it cannot be used."""
-        misfit = fits.misfit(found)
-        if found is None or not np.isfinite(misfit):
+        reduced_chi_squared = fits.reduced_chi_squared(found)
+        if found is None or not np.isfinite(reduced_chi_squared):
             return self._keep(state, sliding)
-        belief = self._belief(found, len(state.observations), state.total, misfit)
+        belief = self._belief(found, len(state.observations), state.total, reduced_chi_squared)
         return state._replace(
             estimate=found,
-            guess=found.solution,
+            initial_guess=found.solution,
             theta=found.theta,
             gamma=found.gamma,
             beliefs=self._remember(state, belief),
-            misfit=misfit,
-            present=self._present(state, found, misfit - 1.0),
+            reduced_chi_squared=reduced_chi_squared,
+            present=self._present(state, found, reduced_chi_squared - 1.0),
         )
 
-    def _keep(self, state: OnlineState, sliding: bool) -> OnlineState:
+    def _keep(self, state: MovingHorizonState, sliding: bool) -> MovingHorizonState:
         """The old estimate, moved along when the window has moved."""
-        state = state._replace(guess=None, failures=state.failures + 1)
+        state = state._replace(initial_guess=None, failures=state.failures + 1)
         if state.estimate is None:
             return state
         old = moved_along(state.estimate, sliding)
-        belief = self._belief(old, len(state.observations), state.total, state.misfit)
+        belief = self._belief(old, len(state.observations), state.total, state.reduced_chi_squared)
         return state._replace(
             estimate=old,
             beliefs=self._remember(state, belief),
             # The newest observation is not in it, and it is the less sure the older it is.
-            present=self._present(state, old, state.misfit, self.drift.state**2),
+            present=self._present(
+                state, old, state.reduced_chi_squared, self.process_noise.state**2
+            ),
         )
 
     def _present(
-        self, state: OnlineState, found: Estimate, inflation: float, widening: float = 0.0
+        self, state: MovingHorizonState, found: Estimate, inflation: float, widening: float = 0.0
     ) -> tuple[Float[np.ndarray, "_"], ...]:
         rates = found.state_jacobian[state.stage]
         excess = inflation * rates @ found.covariance @ rates.T + widening * np.eye(len(rates))
@@ -320,20 +326,20 @@ class OnlineEstimator:
         states = corrected(layout, self.model, now, excess, newest, self.covariance)
         return inside_bounds(self.game, states)
 
-    def _remember(self, state: OnlineState, belief: Belief) -> tuple[Belief, ...]:
+    def _remember(self, state: MovingHorizonState, belief: Belief) -> tuple[Belief, ...]:
         """Beliefs that windows to come may begin with."""
         start = state.total - len(state.observations)
         return (*(b for b in state.beliefs if b.stage > start), belief)
 
     def _initial_state(
-        self, state: OnlineState, sliding: bool, padded: Float[np.ndarray, "W size"]
+        self, state: MovingHorizonState, sliding: bool, padded: Float[np.ndarray, "W size"]
     ) -> tuple[Float[np.ndarray, "_"], ...]:
         if state.estimate is None:
-            return guess_initial_states(self.game, self.model, padded)
+            return guess_initial_state(self.game, self.model, padded)
         moved = state.estimate.solution.states
         return inside_bounds(self.game, [np.asarray(s[1 if sliding else 0]) for s in moved])
 
-    def _prior(self, state: OnlineState) -> Prior:
+    def _prior(self, state: MovingHorizonState) -> Prior:
         """The arrival cost once the window has moved: the belief about its first stage."""
         start = state.total - len(state.observations)
         belief = next((b for b in state.beliefs if b.stage == start), None)
@@ -348,17 +354,24 @@ class OnlineEstimator:
         # The belief already contains the first prior; it is not counted again.
         return Prior(gamma_weight=0.0, mean=belief.mean, information=information)
 
-    def _belief(self, found: Estimate, ahead: int, stage: int, misfit: float) -> Belief:
+    def _belief(
+        self, found: Estimate, ahead: int, stage: int, reduced_chi_squared: float
+    ) -> Belief:
         """The posterior with its initial states carried `ahead`, to the stage of that number."""
-        is_state = np.array([name.startswith("x0[") for name in found.names])
+        is_state = np.array([name.startswith("initial_state[") for name in found.names])
         carry = np.eye(len(found.names))
         carry[is_state] = found.state_jacobian[ahead]
         mean = found.values.copy()
         mean[is_state] = np.concatenate([s[ahead] for s in found.solution.states])
         return Belief(
-            stage, mean, misfit * carry @ found.covariance @ carry.T, self._widening(found.names)
+            stage,
+            mean,
+            reduced_chi_squared * carry @ found.covariance @ carry.T,
+            self._widening(found.names),
         )
 
     def _widening(self, names: Sequence[str]) -> Float[np.ndarray, "p"]:
-        kinds = {"gamma": self.drift.gamma, "x0": self.drift.state}
-        return np.array([kinds.get(n.split(" ")[0].split("[")[0], self.drift.theta) for n in names])
+        kinds = {"gamma": self.process_noise.gamma, "initial_state": self.process_noise.state}
+        return np.array(
+            [kinds.get(n.split(" ")[0].split("[")[0], self.process_noise.theta) for n in names]
+        )

@@ -17,11 +17,10 @@ from foresight_env.equilibrium.conditions.kkt import Iterate, Parameters
 from foresight_env.equilibrium.conditions.layout import Layout
 from foresight_env.equilibrium.conditions.pairs import pairs_of
 from foresight_env.equilibrium.conditions.residual import evaluate, violation
-from foresight_env.equilibrium.newton.attempts import attempt_count, attempt_rules
-from foresight_env.equilibrium.newton.convexity import next_convexity, used_convexity
+from foresight_env.equilibrium.newton.convexification import next_convexity, used_convexity
 from foresight_env.equilibrium.newton.implicit import Equilibrium
 from foresight_env.equilibrium.newton.interior_point import (
-    Options,
+    SolverOptions,
     accuracy_of,
     astray,
     converged,
@@ -29,6 +28,7 @@ from foresight_env.equilibrium.newton.interior_point import (
     is_finite,
     newton_step,
 )
+from foresight_env.equilibrium.newton.phases import attempt_count, attempt_rules
 from foresight_env.equilibrium.newton.start import Start, begin, begin_attempt
 from foresight_env.equilibrium.solve import Solution, to_solution
 from foresight_env.games.types import AnyArray
@@ -64,7 +64,7 @@ def _fresh(number: Array, attempt: Array, spent: Array, point: Iterate) -> _Lane
 
 
 def _advance(
-    layout: Layout, options: Options, mine: Parameters, lane: _Lane, *, cold: bool
+    layout: Layout, options: SolverOptions, mine: Parameters, lane: _Lane, *, cold: bool
 ) -> tuple[_Lane, Equilibrium, Bool[Array, ""], Bool[Array, ""]]:
     """One step of one lane; its result so far, whether it is solved, whether it is stuck."""
     pairs, accuracy = pairs_of(layout), accuracy_of(options, None)
@@ -121,17 +121,17 @@ def _choose(condition: Array, yes: Any, no: Any) -> Any:
 
 
 @partial(jax.jit, static_argnums=(0, 1, 2))
-def solve_lanes(
+def solve_in_slots(
     layout: Layout,
-    options: Options,
+    options: SolverOptions,
     width: int,
     parameters: Parameters,
-    guess: Iterate | None,
+    initial_guess: Iterate | None,
     active: Int[AnyArray, ""],
 ) -> Solution:
     """The first `active` games of a batch, `width` of them at a time."""
     count = parameters.gamma.shape[0]
-    starts: Start = jax.vmap(lambda p, s: begin(layout, options, p, s))(parameters, guess)
+    starts: Start = jax.vmap(lambda p, s: begin(layout, options, p, s))(parameters, initial_guess)
     first = 1 if starts.near is None else 0
     attempts = attempt_count(options, None if starts.near is None else starts.near[0])
 

@@ -8,10 +8,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from foresight_env.equilibrium.conditions.identical_players import moving_alike, peers_of
 from foresight_env.equilibrium.conditions.kkt import Iterate, Parameters
 from foresight_env.equilibrium.conditions.layout import layout_of
 from foresight_env.equilibrium.conditions.pairs import pairs_of
-from foresight_env.equilibrium.conditions.peers import moving_alike, peers_of
 from foresight_env.equilibrium.conditions.residual import evaluate
 from foresight_env.equilibrium.newton.newton_system import (
     eliminate_pairs,
@@ -19,7 +19,7 @@ from foresight_env.equilibrium.newton.newton_system import (
     stage_system,
 )
 from foresight_env.games import Circle, Composite, Effort, Game, Goal, Lane, RoadSide
-from foresight_env.games.anonymous import tells_apart
+from foresight_env.games.permutation import distinguishes
 from foresight_env.scenarios import crosswalk, driving, encounter, intersection
 from foresight_env.scenarios.intersection import Region
 
@@ -90,11 +90,11 @@ class Nameless:
 
 @dataclass(frozen=True)
 class NamelessComposite(Nameless):
-    def inner(self, *arguments):
-        return self.function.inner(*arguments)
+    def residual(self, *arguments):
+        return self.function.residual(*arguments)
 
-    def outer(self, *arguments):
-        return self.function.outer(*arguments)
+    def loss(self, *arguments):
+        return self.function.loss(*arguments)
 
 
 def one_by_one(game: Game) -> Game:
@@ -227,14 +227,14 @@ def test_parts_that_are_alike_say_so_truly(name):
 
 
 def test_strangers_are_told_apart():
-    assert tells_apart(lambda i, t, x, u, theta: x[0][0], 0, 1)
-    assert not tells_apart(Goal(), 0, 1)
+    assert distinguishes(lambda i, t, x, u, theta: x[0][0], 0, 1)
+    assert not distinguishes(Goal(), 0, 1)
     walker, car = "pedestrian", "car"
     game, _ = junction(walker, walker, car)
     near = game.players[0].costs[2]
-    assert not tells_apart(near, 0, 1)
-    assert tells_apart(near, 1, 2)
-    assert not tells_apart(Effort(), 0, 5)
+    assert not distinguishes(near, 0, 1)
+    assert distinguishes(near, 1, 2)
+    assert not distinguishes(Effort(), 0, 5)
 
 
 def test_promises_are_not_inherited_by_other_functions():
@@ -249,12 +249,12 @@ def test_promises_are_not_inherited_by_other_functions():
 
     @dataclass(frozen=True)
     class Promised(LastOneCares):
-        def tells_apart(self, i, j):
+        def distinguishes(self, i, j):
             return False
 
-    assert tells_apart(LastOneCares(), 0, 1)
-    assert not tells_apart(Renamed(), 0, 1)
-    assert not tells_apart(Promised(), 0, 1)
+    assert distinguishes(LastOneCares(), 0, 1)
+    assert not distinguishes(Renamed(), 0, 1)
+    assert not distinguishes(Promised(), 0, 1)
 
 
 def test_a_cost_that_is_there_twice_counts_twice():

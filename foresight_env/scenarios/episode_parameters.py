@@ -8,10 +8,10 @@ import numpy as np
 from jaxtyping import Float
 
 
-class Situation(NamedTuple):
+class EpisodeParameters(NamedTuple):
     """Where everybody begins, what everybody wants and how far ahead everybody looks."""
 
-    initial_states: Float[np.ndarray, "N 4"]
+    initial_state: Float[np.ndarray, "N 4"]
     theta: tuple[dict[str, Any], ...]
     """Cost parameters per player, as the scenario's `player_theta` makes them."""
     gamma: Float[np.ndarray, "N"]

@@ -8,22 +8,22 @@ asks only what the player itself and the others, in their order, do.
 from __future__ import annotations
 
 
-class Anonymous:
+class PermutationInvariant:
     """Base of costs and constraints that treat all players alike; the default is not to.
 
     It is a promise about the class that names this base. A class derived from that one which
-    computes something else, and neither names this base nor overrides `tells_apart`, is taken to
+    computes something else, and neither names this base nor overrides `distinguishes`, is taken to
     tell players apart.
     """
 
     def __init_subclass__(cls, **arguments: object) -> None:
         super().__init_subclass__(**arguments)
         own = vars(cls)
-        computes = "__call__" in own or "inner" in own or "outer" in own
-        if computes and Anonymous not in cls.__bases__ and "tells_apart" not in own:
-            cls.tells_apart = _always  # type: ignore[method-assign]
+        computes = "__call__" in own or "residual" in own or "loss" in own
+        if computes and PermutationInvariant not in cls.__bases__ and "distinguishes" not in own:
+            cls.distinguishes = _always  # type: ignore[method-assign]
 
-    def tells_apart(self, i: int, j: int) -> bool:
+    def distinguishes(self, i: int, j: int) -> bool:
         """Whether it is another function for player i than for player j.
 
         Both see themselves and, in their order, everybody else.
@@ -31,12 +31,12 @@ class Anonymous:
         return False
 
 
-def _always(self: Anonymous, i: int, j: int) -> bool:
+def _always(self: PermutationInvariant, i: int, j: int) -> bool:
     """Whoever they are."""
     return True
 
 
-def tells_apart(part: object, i: int, j: int) -> bool:
+def distinguishes(part: object, i: int, j: int) -> bool:
     """The same of any cost, constraint or function: those that do not say are taken to."""
-    ask = getattr(part, "tells_apart", None)
+    ask = getattr(part, "distinguishes", None)
     return True if ask is None else bool(ask(i, j))

@@ -4,9 +4,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from foresight_env.equilibrium import Options, Status, solve
+from foresight_env.equilibrium import SolverOptions, Status, solve
 from foresight_env.equilibrium.conditions.layout import layout_of
-from foresight_env.equilibrium.newton.convexity import EXACT, next_convexity, used_convexity
+from foresight_env.equilibrium.newton.convexification import EXACT, next_convexity, used_convexity
 from foresight_env.games import Effort, Game, Goal, KinematicBicycle, Player
 from foresight_env.scenarios.aachen import AACHEN
 from foresight_env.scenarios.crosswalk import crosswalk_game
@@ -47,6 +47,6 @@ def test_a_turning_car_does_not_go_in_circles(gamma):
     """With a switch at a residual of 1 it was not there after 200 steps, at gamma = 1."""
     game = intersection_game(("car",), AACHEN.lanes[2:3])
     theta = [player_theta("car", AACHEN.goals[2])]
-    once = Options(start_barriers=(0.1,))
-    found = solve(game, AACHEN.initial_states[2:3], theta, gamma, options=once)
+    once = SolverOptions(barrier_schedule=(0.1,))
+    found = solve(game, AACHEN.initial_state[2:3], theta, gamma, options=once)
     assert int(found.status) == Status.SOLVED

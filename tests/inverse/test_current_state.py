@@ -5,7 +5,7 @@ import pytest
 
 from foresight_env.equilibrium.conditions.layout import layout_of
 from foresight_env.games import full_state, positions
-from foresight_env.inverse.present import corrected
+from foresight_env.inverse.current_state import corrected
 from foresight_env.scenarios.crosswalk import crosswalk_game
 
 LAYOUT = layout_of(crosswalk_game(2, 5))
