@@ -138,7 +138,7 @@ def check_forecast(found: Any, history: History, steps: int, case: str = "foreca
             f"covariance: has an eigenvalue {least:.2g}, or is not symmetric; expected symmetric "
             "matrices without negative eigenvalues",
         )
-    for name in ("gamma", "gamma_deviation", "gamma_determined"):
+    for name in ("gamma", "gamma_deviation", "gamma_identifiable"):
         value = getattr(found, name, None)
         if value is not None:
             _shape(_array(value, case, name), (agents,), case, name, "(N,)")

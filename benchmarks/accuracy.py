@@ -101,9 +101,9 @@ def by_band(rows: list[Trial]) -> list[Row]:
                 pair
                 for r in good
                 if r["method"] == "infer-gamma"
-                for pair in zip(r["gamma_covered"], r["gamma_determined"], strict=True)
+                for pair in zip(r["gamma_covered"], r["gamma_identifiable"], strict=True)
             ]
-            told = [covered for covered, determined in pairs if determined]
+            told = [covered for covered, identifiable in pairs if identifiable]
             own = ratios["infer-gamma"]
             lines.append(
                 {

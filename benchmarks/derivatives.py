@@ -153,7 +153,7 @@ def run(setting: Setting) -> list[Result]:
                 rows.append(row(family, size, count))
     note = (
         "The stress set's games, tolerance 1e-11; rates of all states and controls along a random "
-        f"direction of initial_state, theta and gamma, against central differences (step {STEP:g}), relative "
+        f"direction of x_1, theta and gamma, against central differences (step {STEP:g}), relative "
         "to the largest rate. Flagged: `margin` below "
         f"{WEAK_COMPLEMENTARITY:g}, where the derivative is that of the smoothed problem and "
         "differences straddle a change of the active set."

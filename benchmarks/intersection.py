@@ -127,14 +127,14 @@ def inverse_row(name: str, kinds: tuple[str, ...], games: int) -> Row:
         begin = time.perf_counter()
         found = call()
         seconds.append(time.perf_counter() - begin)
-        solves.append(int(found.iterations))
+        solves.append(int(found.num_forward_solves))
         unexplained.append(float(found.cost) / exact.size)
         errors.append(float(np.mean((np.concatenate(found.solution.states, axis=1) - exact) ** 2)))
     median = float(np.median(seconds))
     return {
         "game": name,
         "windows": games,
-        "parameters": len(found.names),
+        "parameters": len(found.parameters),
         "median": yardstick.told(median),
         "of the wanted speed": WANTED_INVERSE_SECONDS * yardstick.seconds / 2.5e-3 / median,
         "forward solves, median": f"{np.median(solves):.0f}",

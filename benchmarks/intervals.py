@@ -20,7 +20,7 @@ VARIANTS: dict[str, Profile | None] = {"Laplace": None, "profile": Profile()}
 
 def gamma_told(found: Estimate) -> np.ndarray:
     """Which discount factors are not flagged as open."""
-    return np.array([found.determined[found.names.index(f"gamma of {i}")] for i in range(2)])
+    return found.gamma_identifiable
 
 
 def row(observation: str, std: float, variant: str, sequences: int, yardstick: Yardstick) -> Row:
@@ -48,7 +48,7 @@ def row(observation: str, std: float, variant: str, sequences: int, yardstick: Y
         "width, median": float(np.median(widths)),
         "error of gamma, rms": float(np.sqrt(np.mean(errors**2))),
         "objective, mean": float(np.mean([f.cost for f in found])),
-        "forward solves, mean": int(np.mean([f.iterations for f in found])),
+        "forward solves, mean": int(np.mean([f.num_forward_solves for f in found])),
         "time, median": yardstick.told(float(np.median(seconds))),
     }
 

@@ -79,7 +79,7 @@ def descend(
         seconds.append(time.perf_counter() - begin)
         solved = int(found.status) == Status.SOLVED
         costs.append(float(found.cost) if solved else np.inf)
-        solves.append(int(found.iterations))
+        solves.append(int(found.num_forward_solves))
     return Descent(rate, costs, seconds, solves)
 
 
@@ -108,7 +108,7 @@ def rows_of(observation: str, compiled: CompileTime | None) -> list[Row]:
             "observed": observation,
             "method": f"Gauss-Newton, {STARTS} starts",
             "seconds": yardstick.told(float(np.median(seconds))),
-            "forward solves": f"{np.median([f.iterations for f in found]):.0f}",
+            "forward solves": f"{np.median([f.num_forward_solves for f in found]):.0f}",
             "time ratio": 1.0,
             "objective ratio": 1.0,
             "compile, from cache": "-" if compiled is None else compiled.told,

@@ -44,7 +44,8 @@ def main(seed=1, steps=25):
             break
         truth = float(infos[agent]["gamma"][1])
     print(
-        f"true gamma {truth:.2f}, failed updates {state.failures}, reduced_chi_squared {state.reduced_chi_squared:.1f}"
+        f"true gamma {truth:.2f}, failed updates {state.failures}, "
+        f"reduced chi-squared {state.reduced_chi_squared:.1f}"
     )
     return state, truth
 

@@ -16,11 +16,19 @@ from jaxtyping import Float
 from agents.egos.motion import player_positions, present_state
 from agents.egos.own_state import observation_variance
 from agents.egos.perception import Perception
-from agents.egos.planning import QUICK_STEPS, Plan, plan_equilibrium
+from agents.egos.planning import ALTERNATIVE_STEPS, Plan, plan_equilibrium
 from agents.egos.predict_then_plan import PlanMemory, constant_velocity
 from agents.interfaces.policy import Decision
 from foresight_env.envs.core.scene import Scene
-from foresight_env.inverse import Estimate, Free, MovingHorizonEstimator, MovingHorizonState, Prior
+from foresight_env.equilibrium import Budget
+from foresight_env.inverse import (
+    Estimate,
+    Free,
+    MovingHorizonEstimator,
+    MovingHorizonState,
+    Prior,
+    UpdatePhase,
+)
 
 AHEAD_PART = 0.6
 """Of the planning horizon, how much the estimated game looks ahead."""
@@ -36,10 +44,10 @@ class InferGammaMemory(NamedTuple):
     plan: Plan | None
     early: PlanMemory
     """What to do until there is an estimate; its perception knows the ego's own state."""
-    stale: bool = False
+    outdated: bool = False
     """Whether the latest update kept the estimate before it."""
-    late: bool = False
-    """Whether the latest update has taken its time."""
+    planning: Budget = Budget.offline()
+    """What the latest update leaves for planning."""
 
 
 @dataclass(frozen=True)
@@ -54,8 +62,9 @@ class InferGamma:
     """See `MovingHorizonEstimator`: the others replan at every step, and the ego has not played the
     equilibrium that its old estimates stood for. Chosen on seeds 12 to 70 of the closed-loop study:
     90 % intervals of gamma cover 45 % of the truths with 1, 70 % with 1.3, 76 % with 1.6."""
-    quick: bool | None = None
-    """See `MovingHorizonEstimator`; None: where more than two play and games take long."""
+    budget: Budget | None = None
+    """Of the estimator's updates; None: `Budget.realtime()` where more than two play, whose games
+    take long, else `Budget.online()`."""
     ahead: int | None = None
     """Stages after the window in the estimated game; None: three fifths of the planning horizon."""
     prior: Prior = Prior(gamma_weight=4.0, gamma_center=1.0)
@@ -70,7 +79,8 @@ class InferGamma:
             else Free(scene.opponent_prior.free, self.infer_gamma, True)
             for j in range(scene.players)
         )
-        quick = scene.players > 2 if self.quick is None else self.quick
+        usual = Budget.realtime() if scene.players > 2 else Budget.online()
+        budget = usual if self.budget is None else self.budget
         ahead = max(1, round(AHEAD_PART * scene.game.horizon)) if self.ahead is None else self.ahead
         estimator = MovingHorizonEstimator(
             replace(scene.game, horizon=self.window - 1 + ahead),
@@ -83,8 +93,8 @@ class InferGamma:
                 theta_deviation=self.prior.theta_deviation or scene.opponent_prior.deviation,
             ),
             forgetting_factor=self.forgetting_factor,
-            starts=1 if quick else MovingHorizonEstimator.starts,
-            quick=quick,
+            starts=1 if budget.single_game else MovingHorizonEstimator.starts,
+            budget=budget,
         )
         early = constant_velocity().init(scene, agent)
         return InferGammaMemory(scene, ego, estimator, None, None, early)
@@ -117,12 +127,13 @@ class InferGamma:
                 )
             )
         following = memory.estimator.update(state, seen)
-        stale = following.failures > state.failures
-        afresh = state.initial_guess is None or state.afresh
+        outdated = following.failures > state.failures
         found = following.estimate
-        long = found is not None and int(found.steps) > QUICK_STEPS
-        late = memory.estimator.quick and (stale or afresh or long)
-        return memory._replace(state=following, early=early, stale=stale, late=late)
+        long = found is not None and int(found.num_newton_steps) > ALTERNATIVE_STEPS
+        late = outdated or long or state.phase is not UpdatePhase.TRACKING
+        hurries = memory.estimator.budget.single_game and late
+        planning = Budget.trial() if hurries else Budget.offline()
+        return memory._replace(state=following, early=early, outdated=outdated, planning=planning)
 
     def _guess(
         self, perception: Perception, recent: Float[np.ndarray, "K size"]
@@ -173,10 +184,12 @@ class InferGamma:
             memory.plan,
             gammas,
             [*future, None],
-            hurried=memory.late,
+            budget=memory.planning,
         )
         early = memory.early._replace(perception=perception.acted(decision.action))
-        return replace(decision, stale=memory.stale), memory._replace(plan=plan, early=early)
+        return replace(decision, estimate_outdated=memory.outdated), memory._replace(
+            plan=plan, early=early
+        )
 
 
 def _future(

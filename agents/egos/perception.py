@@ -90,4 +90,4 @@ class Perception(NamedTuple):
         if state is not None:
             action = braking(game, self.ego, state)
         action = within_limits(game, self.ego, action).astype(np.float32)
-        return Decision(action, failed=True), self.acted(action)
+        return Decision(action, plan_fallback=True), self.acted(action)

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from agents.interfaces.policy import Decision
 from foresight_env.envs.core.motion import braking
 from foresight_env.envs.core.scene import Scene
-from foresight_env.equilibrium import Solution, Status, shift, solve
+from foresight_env.equilibrium import Budget, Solution, Status, shift, solve
 from foresight_env.equilibrium.verification.best_response import (
     best_response_game,
     best_response_parameters,
@@ -73,15 +73,16 @@ def plan_equilibrium(
     gammas: dict[int, tuple[float, float]],
     guesses: Sequence[Guess] = (),
     *,
-    hurried: bool = False,
+    budget: Budget = Budget.offline(),
 ) -> tuple[Decision, Plan | None]:
-    """Everybody plays an equilibrium of the scene's game; the ego takes its part of it.
+    """Plan an equilibrium of the scene's game; the ego takes its part of it.
 
-    Solves from the previous plan and then from every other initial guess (None is a cold start), up to one
-    that takes long (`QUICK_STEPS`) or, `hurried`, the first that is solved. The solver takes its
-    time from the last initial guess alone, where no other led to a plan. When that leads to several
-    equilibria, who gives way is open, and agents that assume different ones collide or wait for
-    ever: the one is taken that asks the others for the least change of what they are doing.
+    Solves from the previous plan and then from every other guess (None is a cold start). A limited
+    `budget` ends the search at the first solution; otherwise the first solve of more than
+    `ALTERNATIVE_STEPS` Newton steps does. All solves but one from the last guess, where no other
+    led to a plan, are trials. Where several equilibria are found, the one is taken that asks the
+    others for the least change of their motion: agents that assume different ones collide or wait
+    for ever.
     """
     game = scene.game
     bounded = inside_bounds(game, states)
@@ -92,15 +93,23 @@ def plan_equilibrium(
     starts = starts or [None]
     for number, start in enumerate(starts, 1):
         solved = best is not None and int(best.status) == Status.SOLVED
-        brief = solved or number < len(starts)
-        solution = solve(game, bounded, theta, gamma, initial_guess=start, hurried=brief)
+        trial = solved or number < len(starts)
+        solution = solve(
+            game,
+            bounded,
+            theta,
+            gamma,
+            initial_guess=start,
+            budget=Budget.trial() if trial else Budget.offline(),
+        )
         if int(solution.status) != Status.SOLVED:
             best = solution if best is None else best
             continue
         change = _change_of_others(scene, ego, bounded, solution)
         if change < least - SAME_CHANGE:
             best, least = solution, change
-        if hurried or int(solution.iterations) > QUICK_STEPS:
+        limited = budget != Budget.offline()
+        if limited or int(solution.iterations) > ALTERNATIVE_STEPS:
             break
     assert best is not None
     predicted: dict[int, np.ndarray] = {}
@@ -109,10 +118,10 @@ def plan_equilibrium(
     return _decide(scene, ego, best, ego, previous, bounded[ego], predicted, gammas)
 
 
-QUICK_STEPS = 15
-"""Newton steps of a solve after which no further initial guess is tried at this decision: there is the next
-one. Of 1725 left turns' and roundabouts' decisions another equilibrium was preferred in 115; in 101
-of these the first solve was quicker than this."""
+ALTERNATIVE_STEPS = 15
+"""Newton steps of a solve after which no further initial guess is tried at this decision: there is
+the next one. Of 1725 left turns' and roundabouts' decisions another equilibrium was preferred in
+115; in 101 of these the first solve was quicker than this."""
 INERTIA_STEPS = 8
 """Steps over which equilibria are compared with everybody's going straight on."""
 SAME_CHANGE = 1e-3

@@ -92,7 +92,7 @@ class PredictThenPlan:
             decision,
             predicted={j: most_likely[:, j] for j in predicted},
             gammas=_gammas(forecast, ego),
-            stale=forecast.fallback,
+            estimate_outdated=forecast.fallback,
         )
         perception = memory.perception.acted(decision.action)
         return decision, memory._replace(perception=perception, plan=plan)

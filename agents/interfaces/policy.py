@@ -34,9 +34,9 @@ class Decision:
     """Others' predicted positions by player, m."""
     gammas: Mapping[int, tuple[float, float]] = field(default_factory=dict)
     """Inferred discount factors by player: mean and standard deviation."""
-    failed: bool = False
+    plan_fallback: bool = False
     """Whether a solve failed and the action is a fallback: the last plan continued, or braking."""
-    stale: bool = False
+    estimate_outdated: bool = False
     """Whether the latest fit failed, so that an older estimate was planned with."""
 
 

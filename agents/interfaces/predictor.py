@@ -66,7 +66,7 @@ class Forecast:
     """Discount factors that the prediction rests on."""
     gamma_deviation: Float[np.ndarray, "N"] | None = None
     """Standard deviations; 0 where one rests on a limit of the search, or was not inferred."""
-    gamma_determined: Bool[np.ndarray, "N"] | None = None
+    gamma_identifiable: Bool[np.ndarray, "N"] | None = None
     """False where the observations leave a discount factor open."""
     fallback: bool = False
     """Whether the predictor failed and this is a simpler one's forecast."""

@@ -60,15 +60,13 @@ class EncounterPredictor:
             return _straight(history, steps)
         future = slice(len(history.states), None)
         path = np.stack([s[future, :2] for s in found.solution.states], axis=1)
-        flags = dict(zip(found.names, found.determined, strict=True))
-        determined = [flags.get(f"gamma of {i}", True) for i in range(len(history.kinds))]
         return Forecast(
             path[None],
             np.ones(1),
             (_covariance(found, future) + wandering(self.belief, history, steps))[None],
             found.gamma,
             found.gamma_deviation,
-            np.array(determined, dtype=bool),
+            found.gamma_identifiable,
         )
 
     def fit(self, history: History, steps: int) -> Estimate:

@@ -90,7 +90,7 @@ SPOILED: dict[str, Callable[[dict[str, Any]], Any]] = {
 
 
 def _options(random: Random, players: int, states: np.ndarray) -> dict[str, Any]:
-    """SolverOptions on and beyond the edge of what makes sense; some must be refused, others may be."""
+    """Options of `reset`, legal and illegal ones."""
     shape = np.shape(states)
     cases: list[dict[str, Any]] = [
         {},

@@ -92,7 +92,7 @@ def print_gammas(console: Console, rows: Sequence[Row]) -> None:
         for i in (i for i, k in enumerate(kinds) if k == kind):
             for row in chosen:
                 low, high = row["gamma_low"][i], row["gamma_high"][i]
-                told = f"{low:.2f} to {high:.2f}" if row["gamma_determined"][i] else "open"
+                told = f"{low:.2f} to {high:.2f}" if row["gamma_identifiable"][i] else "open"
                 table.add_row(
                     kind, row["agents"][i], row["observation"], f"{row['gamma'][i]:.2f}", told
                 )

@@ -169,9 +169,9 @@ def print_encounters(
             )
 
 
-def told_gamma(mean: float, deviation: float, determined: bool = True) -> str:
+def told_gamma(mean: float, deviation: float, identifiable: bool = True) -> str:
     """An inferred discount factor with half of its 90 % interval, or why it has none."""
-    if not determined:
+    if not identifiable:
         return f"{mean:.2f} (open)"
     if deviation == 0.0:
         return f"{mean:.2f} (limit)"
@@ -181,7 +181,7 @@ def told_gamma(mean: float, deviation: float, determined: bool = True) -> str:
 def _gammas(forecasts: Sequence[Judged]) -> str:
     for judged in forecasts:
         found = judged.forecast
-        parts: Any = found.gamma, found.gamma_deviation, found.gamma_determined
+        parts: Any = found.gamma, found.gamma_deviation, found.gamma_identifiable
         if judged.predictor == "encounter-game" and found.gamma is not None:
             values = zip(*(part.tolist() for part in parts), strict=True)
             return "\n".join(told_gamma(*each) for each in values)

@@ -131,13 +131,8 @@ def run_sequence(
         "gamma": found.gamma.tolist(),
         "gamma_deviation": found.gamma_deviation.tolist(),
         "gamma_covered": gamma_covered(found).tolist(),
-        "gamma_determined": [
-            bool(found.determined[found.names.index(f"gamma of {i}")])
-            if FREE[method].gamma
-            else True
-            for i in range(2)
-        ],
-        "solves": int(found.iterations),
+        "gamma_identifiable": found.gamma_identifiable.tolist(),
+        "solves": int(found.num_forward_solves),
         "seconds": seconds,
     }
 

@@ -176,15 +176,14 @@ def run_sequence(
         "gamma": [],
         "gamma_low": [],
         "gamma_high": [],
-        "gamma_determined": [],
+        "gamma_identifiable": [],
     }
     if found is not None:
         row["solved"] = int(found.status) == Status.SOLVED
     if found is not None and method == "infer-gamma":
-        flags = dict(zip(found.names, found.determined, strict=True))
         row["gamma"] = found.gamma.tolist()
         row["gamma_low"], row["gamma_high"] = (side.tolist() for side in found.gamma_interval.T)
-        row["gamma_determined"] = [bool(flags[f"gamma of {i}"]) for i in range(len(case.agents))]
+        row["gamma_identifiable"] = found.gamma_identifiable.tolist()
     return row
 
 

@@ -111,7 +111,7 @@ def _motions(history: History, agent: int, path: Float[np.ndarray, "P 2"]) -> li
 
 
 def judged(window: PredictionWindow, forecast: Forecast) -> Row:
-    """A forecast's metrics; of several futures the most_likely counts, where nothing else is said."""
+    """Return a forecast's metrics, of the most likely future unless the name says otherwise."""
     path, truth, present = forecast.most_likely, window.truth, window.present
     history = window.history
     average, final = displacement(path, truth, present)

@@ -24,8 +24,9 @@ from foresight_env.equilibrium.conditions.layout import Layout, layout_of
 from foresight_env.equilibrium.conditions.pairs import pairs_of
 from foresight_env.equilibrium.conditions.residual import VIOLATED, largest_multiplier
 from foresight_env.equilibrium.newton.implicit import Equilibrium, equilibrium
-from foresight_env.equilibrium.newton.interior_point import SolverOptions
+from foresight_env.equilibrium.newton.schedule import Limits, limits_of
 from foresight_env.equilibrium.newton.start import Start, begin, from_controls
+from foresight_env.equilibrium.settings import Budget, SolverOptions
 from foresight_env.equilibrium.status import SolveError, Status
 from foresight_env.games.game import Game
 from foresight_env.games.types import AnyArray, Scalar, Theta
@@ -33,7 +34,7 @@ from foresight_env.precision import call_in_double, is_traced, to_double
 
 
 class Solution(NamedTuple):
-    """An equilibrium, or an honest failure (`status`)."""
+    """Equilibrium and solver status; check `status` before use."""
 
     states: tuple[Float[AnyArray, "stages _"], ...]
     """Per player, `x_1` (given) to `x_{T+1}`."""
@@ -45,13 +46,25 @@ class Solution(NamedTuple):
     """Largest entry of the scaled KKT residual: stationarity in current value, dynamics,
     constraints, and complementarity products."""
     iterations: Int[AnyArray, ""]
-    """Newton steps, all attempts together."""
+    """Newton steps, all phases together."""
     margin: Float[AnyArray, ""]
     """Strict-complementarity margin, `min max(slack, multiplier)` over all inequalities. Below
     about 1e-3 the active set is about to change and derivatives are those of the smoothed
     problem."""
     point: Iterate
     """Multipliers and slacks, for warm starts."""
+
+    def __repr__(self) -> str:
+        if is_traced(self):
+            return f"Solution({tuple(self)!r})"
+        shapes = ", ".join(str(np.shape(s)) for s in self.states)
+        if np.ndim(self.status):
+            solved = int(np.sum(np.asarray(self.status) == Status.SOLVED))
+            return f"Solution({solved} of {np.size(self.status)} solved, states: {shapes})"
+        return (
+            f"Solution({Status(int(self.status)).name}, residual={float(self.residual):.1e}, "
+            f"iterations={int(self.iterations)}, states: {shapes})"
+        )
 
 
 WEAK_COMPLEMENTARITY = 1e-3
@@ -111,7 +124,7 @@ def _solve_packed(
     parameters: Parameters,
     point: Iterate,
     kind: Array,
-    hurried: Array,
+    limits: Limits,
 ) -> Float[Array, "packed"]:
     """All of a `Solution` in one vector, which is handed over ten times as fast as its arrays.
 
@@ -125,7 +138,7 @@ def _solve_packed(
         return from_controls(layout, options, parameters, point.u)
 
     first = jax.lax.switch(kind, (cold, controls, lambda: point))
-    start = Start(first, kind == Kind.SOLUTION, trial=hurried)
+    start = Start(first, kind == Kind.SOLUTION, limits=limits)
     raw = equilibrium(layout, options, parameters, start)
     found = to_solution(layout, raw, parameters)
     states = jnp.concatenate(found.states, axis=1)
@@ -173,7 +186,7 @@ def _solve_concrete(
     options: SolverOptions,
     parameters: Parameters,
     initial_guess: Iterate | AnyArray | None,
-    hurried: bool,
+    budget: Budget,
 ) -> Solution:
     kind, point = Kind.COLD, _blank(layout)
     if isinstance(initial_guess, Iterate):
@@ -181,7 +194,7 @@ def _solve_concrete(
     elif initial_guess is not None:
         controls: Any = np.asarray(initial_guess, dtype=float)
         kind, point = Kind.CONTROLS, point._replace(u=controls)
-    how = (np.asarray(int(kind)), np.asarray(hurried))
+    how = (np.asarray(int(kind)), jax.tree.map(np.asarray, limits_of(budget)))
     packed = np.asarray(_solve_packed(layout, options, parameters, point, *how))
     if not packed[-NUMBERS]:
         check_start_is_finite(layout, parameters, initial_guess)
@@ -194,11 +207,11 @@ def _solve_traced(
     options: SolverOptions,
     parameters: Parameters,
     initial_guess: Iterate | AnyArray | None,
-    hurried: bool,
+    budget: Budget,
 ) -> Solution:
     start = begin(layout, options, parameters, initial_guess)
-    if hurried:
-        start = start._replace(trial=jnp.ones((), bool))
+    if budget != Budget.offline():
+        start = start._replace(limits=limits_of(budget))
     return to_solution(layout, equilibrium(layout, options, parameters, start), parameters)
 
 
@@ -226,7 +239,7 @@ def solve(
     *,
     initial_guess: Solution | Sequence[Any] | None = None,
     options: SolverOptions = SolverOptions(),
-    hurried: bool = False,
+    budget: Budget = Budget.offline(),
     throw: bool = False,
 ) -> Solution:
     """Solve `game` for a generalised open-loop Nash equilibrium.
@@ -236,16 +249,17 @@ def solve(
         initial_state: per-player initial states, each (n_i,), or an array (N, n).
         theta: one mapping of cost parameters per player.
         gamma: discount factors, (N,) or one number; 0 is myopic, above 1 is allowed.
-        initial_guess: a `Solution` of a similar game (warm start; where it leads nowhere, it is put
-            aside), or per-player controls (T, m_i).
+        initial_guess: a `Solution` of a similar game (warm start; discarded after two failed
+            phases), or per-player controls (T, m_i).
         options: tolerances.
-        hurried: try once, for at most `options.trial_steps` Newton steps along the path (after
-            local ones from a solution), where a solution is no good later.
+        budget: limits of phases and Newton steps, such as `Budget.trial()` where a late solution
+            is useless.
         throw: raise `SolveError` when the game was not solved (concrete calls only).
 
     Returns:
-        A `Solution`. Works under `jit`, `vmap` and `grad`; derivatives with respect to `initial_state`,
-        `theta` and `gamma` are exact (implicit function theorem) and NaN where the solve failed.
+        A `Solution`. Works under `jit`, `vmap` and `grad`; derivatives with respect to
+        `initial_state`, `theta` and `gamma` are exact (implicit function theorem) and NaN where the
+        solve failed.
 
     Raises:
         ValueError: wrong shapes, non-finite numbers, an initial state outside hard bounds, or a
@@ -257,16 +271,14 @@ def solve(
     start = check_guess(layout, initial_guess)
     if not is_traced(parameters, start):
         with jax.enable_x64(True):
-            result = _solve_concrete(layout, options, parameters, start, hurried)
+            result = _solve_concrete(layout, options, parameters, start, budget)
         if throw and int(result.status) != Status.SOLVED:
             raise SolveError(Status(int(result.status)), float(result.residual))
         return result
     start = jax.tree.map(jax.lax.stop_gradient, start)
     if jnp.result_type(float) == jnp.float64:  # the caller traces in double precision
-        return _solve_traced(layout, options, to_double(parameters), to_double(start), hurried)
-    return call_in_double(
-        lambda p: _solve_traced(layout, options, *p, hurried), (parameters, start)
-    )
+        return _solve_traced(layout, options, to_double(parameters), to_double(start), budget)
+    return call_in_double(lambda p: _solve_traced(layout, options, *p, budget), (parameters, start))
 
 
 def check_iterate(layout: Layout, point: Iterate, batch: tuple[int, ...] = ()) -> None:
@@ -277,7 +289,8 @@ def check_iterate(layout: Layout, point: Iterate, batch: tuple[int, ...] = ()) -
         expected = (*batch, layout.game.horizon, size)
         if value.shape != expected:
             raise ValueError(
-                f"initial_guess: solves another game: {name} have shape {value.shape}; expected {expected}"
+                f"initial_guess: solves another game: {name} have shape {value.shape}; expected "
+                f"{expected}"
             )
 
 
@@ -291,9 +304,8 @@ def check_guess(layout: Layout, initial_guess: Any) -> Iterate | AnyArray | None
         check_iterate(layout, point)
         return point
     shapes = tuple((horizon, m) for m in layout.game.control_sizes)
-    if tuple(np.shape(c) for c in initial_guess) != shapes:
-        raise ValueError(
-            f"initial_guess: controls of shapes {tuple(np.shape(c) for c in initial_guess)}; expected {shapes}"
-        )
+    given = tuple(np.shape(c) for c in initial_guess)
+    if given != shapes:
+        raise ValueError(f"initial_guess: controls of shapes {given}; expected {shapes}")
     xp: Any = jnp if is_traced(initial_guess) else np
     return xp.concatenate([xp.asarray(c) for c in initial_guess], axis=1)

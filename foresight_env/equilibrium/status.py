@@ -1,4 +1,4 @@
-"""What became of a solve."""
+"""Solver status."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ class Status(IntEnum):
         return {
             Status.SOLVED: "nothing to mend",
             Status.ITERATION_LIMIT: (
-                "pass a `initial_guess` (a similar game's solution), raise the iterations of SolverOptions, or "
-                "soften hard constraints with a `penalty`"
+                "pass an `initial_guess` (a similar game's solution), raise the steps of "
+                "SolverOptions, or soften hard constraints with a `penalty`"
             ),
             Status.INFEASIBLE: (
                 "check that the initial state allows the constraints to hold at the first stages; "
                 "give constraints that may fail a `penalty`"
             ),
-            Status.DIVERGED: "check costs and constraints for NaN or overflow at the initial initial_guess",
+            Status.DIVERGED: "check costs and constraints for NaN or overflow at the start",
             Status.INVALID_INPUT: "pass finite arrays and an initial state inside the bounds",
         }[self]
 

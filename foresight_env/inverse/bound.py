@@ -15,14 +15,15 @@ from foresight_env.equilibrium.checks.validation import check_parameters
 from foresight_env.equilibrium.conditions.kkt import Parameters
 from foresight_env.equilibrium.conditions.layout import layout_of
 from foresight_env.equilibrium.newton.implicit import equilibrium
-from foresight_env.equilibrium.newton.interior_point import SolverOptions
 from foresight_env.equilibrium.newton.start import begin
+from foresight_env.equilibrium.settings import SolverOptions
 from foresight_env.equilibrium.status import SolveError, Status
 from foresight_env.games.game import Game
 from foresight_env.games.observations import ObservationModel
 from foresight_env.games.types import Theta
 from foresight_env.inverse.coordinates import Coordinates, Free
 from foresight_env.inverse.fit import Problem, predicted, solution_jacobian
+from foresight_env.inverse.parameter import Parameter
 from foresight_env.precision import to_numpy
 
 
@@ -34,7 +35,8 @@ class CramerRao(NamedTuple):
     parameter open, its variance is infinite and its covariances are 0."""
     trajectory: Float[np.ndarray, ""]
     """Of the trajectory error `E||X_hat - X||^2` over all stages and state entries."""
-    names: tuple[str, ...]
+    parameters: tuple[Parameter, ...]
+    """The p free parameters."""
 
 
 @partial(jax.jit, static_argnums=(0, 1))
@@ -101,5 +103,6 @@ def cramer_rao(
     covariance[open_] = 0.0
     covariance[:, open_] = 0.0
     covariance[open_, open_] = np.inf
-    names = tuple(n for n, is_free in zip(coordinates.names, chosen, strict=True) if is_free)
-    return CramerRao(covariance, np.asarray(trajectory), names)
+    each = zip(coordinates.parameters, chosen, strict=True)
+    estimated = tuple(parameter for parameter, is_free in each if is_free)
+    return CramerRao(covariance, np.asarray(trajectory), estimated)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import jax.numpy as jnp
@@ -13,6 +14,7 @@ from jaxtyping import Array, Float
 from foresight_env.equilibrium.conditions.kkt import Parameters
 from foresight_env.equilibrium.conditions.layout import Layout
 from foresight_env.games.types import AnyArray
+from foresight_env.inverse.parameter import Parameter
 from foresight_env.precision import is_traced
 
 
@@ -71,8 +73,8 @@ class Coordinates:
             for name in f.theta:
                 if name in ("gamma", "initial_state"):
                     raise ValueError(
-                        f"free[{i}].theta: {name!r} is what estimates call a discount factor or an "
-                        "initial state; rename that entry of theta"
+                        f"free[{i}].theta: {name!r} names a discount factor or an initial state in "
+                        "estimates; rename that entry of theta"
                     )
                 if name not in parameters.theta[i]:
                     raise ValueError(
@@ -119,16 +121,17 @@ class Coordinates:
             at += 1 + size
         return Parameters(jnp.concatenate(states), tuple(theta), jnp.stack(gammas))
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """One name per entry, such as `goal[0] of 1`, `gamma of 0`, `initial_state[2] of 1`."""
-        out: list[str] = []
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Identity of every entry, in order."""
+        out: list[Parameter] = []
         for i, names in enumerate(self.sizes):
             for name, shape in names:
-                many = [f"{name}[{k}] of {i}" for k in range(_size(shape))]
-                out += many if shape else [f"{name} of {i}"]
-            out.append(f"gamma of {i}")
-            out += [f"initial_state[{k}] of {i}" for k in range(self.layout.game.state_sizes[i])]
+                places = range(_size(shape)) if shape else (None,)
+                out += [Parameter(i, "theta", name, k) for k in places]
+            out.append(Parameter(i, "gamma"))
+            states = range(self.layout.game.state_sizes[i])
+            out += [Parameter(i, "initial_state", index=k) for k in states]
         return tuple(out)
 
     @property
@@ -138,12 +141,8 @@ class Coordinates:
 
     @property
     def kinds(self) -> np.ndarray:
-        """(p,) what each entry is: "gamma", "state", or "theta"."""
-        out: list[str] = []
-        for names, size in zip(self.sizes, self.layout.game.state_sizes, strict=True):
-            out += ["theta"] * sum(_size(shape) for _, shape in names) + ["gamma"]
-            out += ["state"] * size
-        return np.array(out)
+        """(p,) kind of each entry: "gamma", "initial_state", or "theta"."""
+        return np.array([parameter.kind for parameter in self.parameters])
 
     def limits(
         self, free: Free | Sequence[Free], estimated: np.ndarray
@@ -177,7 +176,7 @@ class Coordinates:
                     low[own], high[own] = ranges_of[i][name]
                 at += _size(shape)
             at += 1 + self.layout.game.state_sizes[i]
-        is_state = kinds == "state"
+        is_state = kinds == "initial_state"
         lower, upper = self.layout.bounds
         low[is_state], high[is_state] = lower[0, : self.layout.n], upper[0, : self.layout.n]
         return np.where(estimated, low, -np.inf), np.where(estimated, high, np.inf)

@@ -1,4 +1,4 @@
-"""The inverse problem: from observations to discount factors and cost parameters, with doubt."""
+"""Inverse problem: discount factors and cost parameters from observations, with uncertainty."""
 
 from __future__ import annotations
 
@@ -15,8 +15,9 @@ from foresight_env.equilibrium.checks.validation import check_parameters
 from foresight_env.equilibrium.conditions.kkt import Iterate, Parameters
 from foresight_env.equilibrium.conditions.layout import layout_of
 from foresight_env.equilibrium.newton.implicit import Equilibrium
-from foresight_env.equilibrium.newton.interior_point import SolverOptions
+from foresight_env.equilibrium.newton.schedule import limits_of
 from foresight_env.equilibrium.newton.start import Start, from_controls
+from foresight_env.equilibrium.settings import Budget, SolverOptions
 from foresight_env.equilibrium.solve import Solution, check_guess, to_solution
 from foresight_env.equilibrium.status import Status
 from foresight_env.games.game import Game
@@ -27,12 +28,13 @@ from foresight_env.inverse.fit import Data, Fit, Problem
 from foresight_env.inverse.gauss_newton import GaussNewton
 from foresight_env.inverse.gradient_descent import GradientDescent
 from foresight_env.inverse.laplace import (
-    UNDETERMINED_GAMMA,
+    OPEN_GAMMA_DEVIATION,
     laplace,
     laplace_intervals,
 )
 from foresight_env.inverse.linear_step import Rates, linear_step
 from foresight_env.inverse.multi_start import MOST_STARTS, MultiStart, search
+from foresight_env.inverse.parameter import Parameter
 from foresight_env.inverse.prior import Prior, prior_terms
 from foresight_env.inverse.profile import Profile, profiled
 from foresight_env.inverse.tracking import track
@@ -55,27 +57,33 @@ class Estimate(NamedTuple):
     """The equilibrium at the estimate: the past explained, the rest of the horizon predicted."""
     cost: Float[np.ndarray, ""]
     """Value of the objective (paper, problem 1, prior included)."""
-    names: tuple[str, ...]
-    """Names of the p free parameters, in the order of `values` and `covariance`."""
+    parameters: tuple[Parameter, ...]
+    """The p free parameters, in the order of `values` and `covariance`."""
     values: Float[np.ndarray, "p"]
     covariance: Float[np.ndarray, "p p"]
     """Laplace approximation: inverse of the Gauss-Newton information, prior included."""
-    determined: Bool[np.ndarray, "p"]
-    """False where the data leave a parameter open (`inverse.laplace.is_determined`); with a profile
-    also discount factors whose interval is as wide as that of a uniform guess on their range."""
+    identifiable: Bool[np.ndarray, "p"]
+    """False where the data leave a parameter open (`inverse.laplace.is_identifiable`); with a
+    profile also discount factors whose interval is as wide as that of a uniform guess on their
+    range."""
     state_jacobian: Float[np.ndarray, "stages n p"]
     """Derivative of the joint trajectory by the free parameters."""
     status: Int[np.ndarray, ""]
     """`Status.SOLVED` when some start found a fit whose game was solved."""
-    iterations: Int[np.ndarray, ""]
-    """Forward solves, all starts and the profile together."""
-    steps: Int[np.ndarray, ""]
-    """Newton steps of the forward solve at the estimate."""
+    num_forward_solves: Int[np.ndarray, ""]
+    """All starts and the profile together."""
+    num_newton_steps: Int[np.ndarray, ""]
+    """Of the forward solve at the estimate."""
     start_costs: Float[np.ndarray, "S"]
     """Objective reached from each start; infinite where solves failed or the start was spared."""
     gamma_interval: Float[np.ndarray, "N 2"]
     """Intervals of the discount factors: at `profile.level` where `estimate` was given a profile,
     else 90 % by the Laplace approximation, within the limits; of width 0 where fixed."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the free parameters, such as `goal[0] of 1`, `gamma of 0`."""
+        return tuple(str(parameter) for parameter in self.parameters)
 
     @property
     def deviation(self) -> Float[np.ndarray, "p"]:
@@ -93,11 +101,30 @@ class Estimate(NamedTuple):
     @property
     def gamma_deviation(self) -> Float[np.ndarray, "N"]:
         """Standard deviation of each discount factor; 0 where it is fixed."""
-        out = np.zeros(len(self.gamma))
-        for name, value in zip(self.names, self.deviation, strict=True):
-            if name.startswith("gamma of "):
-                out[int(name.split()[-1])] = value
-        return out
+        return self._per_player(self.deviation, np.zeros(len(self.gamma)))
+
+    @property
+    def gamma_identifiable(self) -> Bool[np.ndarray, "N"]:
+        """Whether the data identify each discount factor; True where it is fixed."""
+        return self._per_player(self.identifiable, np.ones(len(self.gamma), dtype=bool))
+
+    def _per_player(self, values: np.ndarray, fixed: np.ndarray) -> np.ndarray:
+        """Entries of the discount factors among `values`, `fixed` elsewhere."""
+        for parameter, value in zip(self.parameters, values, strict=True):
+            if parameter.kind == "gamma":
+                fixed[parameter.player] = value
+        return fixed
+
+    def __repr__(self) -> str:
+        found = ", ".join(
+            f"{value:.2f} +- {deviation:.2f}"
+            for value, deviation in zip(self.gamma, self.gamma_deviation, strict=True)
+        )
+        return (
+            f"Estimate({Status(int(self.status)).name}, cost={float(self.cost):.3g}, "
+            f"gamma=[{found}], parameters={len(self.parameters)}, "
+            f"forward solves={int(self.num_forward_solves)}, solution={self.solution!r})"
+        )
 
 
 @partial(jax.jit, static_argnums=0)
@@ -109,21 +136,20 @@ def _tracked(problem: Problem, data: Data, base: Parameters) -> Iterate:
 def _finish(problem: Problem, data: Data, base: Parameters, fit: Fit) -> tuple[Any, ...]:
     layout, coordinates = problem.layout, problem.coordinates
     parameters = coordinates.unpack(fit.values, base)
-    zero = jnp.zeros(())
     raw = Equilibrium(
         fit.point,
         jnp.zeros_like(fit.point.x),
         fit.error,
-        zero,
-        zero,
-        jnp.zeros((), int),
+        fit.complementarity,
+        jnp.zeros(()),
+        fit.newton_steps,
         fit.success,
     )
     solution = to_solution(layout, raw, parameters)
-    covariance, determined = laplace(problem, data, fit)
+    covariance, identifiable = laplace(problem, data, fit)
     first = jax.jacfwd(lambda v: coordinates.unpack(v, base).initial_state)(fit.values)
     rates = jnp.concatenate([first[None], jnp.moveaxis(fit.rates.x, 0, 2)])
-    return parameters, solution, covariance, determined, rates
+    return parameters, solution, covariance, identifiable, rates
 
 
 def _stepped(
@@ -158,6 +184,7 @@ def estimate(
     profile: Profile | None = None,
     initial_guess: Solution | None = None,
     initial_guess_rates: Rates | None = None,
+    budget: Budget = Budget.offline(),
     options: SolverOptions = SolverOptions(),
 ) -> Estimate:
     """Estimate what `free` names from noisy, possibly partial observations.
@@ -178,10 +205,11 @@ def estimate(
         profile: find intervals of the discount factors by profile likelihood (always by
             Gauss-Newton), typically at two to six times the forward solves of the estimate alone
             and more where better fits are met on the way, which replace it.
-        initial_guess: solution of a similar game to start from; by default a trajectory that follows the
-            observations.
-        initial_guess_rates: how `initial_guess` changes with the free parameters; the search then begins where a
-            step on them leads, before any game is solved.
+        initial_guess: solution of a similar game to start from; by default a trajectory that
+            follows the observations.
+        initial_guess_rates: how `initial_guess` changes with the free parameters; the search then
+            begins where a step on them leads, before any game is solved.
+        budget: limits of the forward solves' phases and Newton steps.
         options: forward-solver settings.
 
     Returns:
@@ -196,6 +224,7 @@ def estimate(
         method=(method, GaussNewton, GradientDescent),
         starts=(starts, MultiStart),
         profile=(profile, Profile, type(None)),
+        budget=(budget, Budget),
         options=(options, SolverOptions),
     )
     layout = layout_of(game)
@@ -222,7 +251,7 @@ def estimate(
         initial = starts.spread(begin, coordinates.is_gamma & chosen, limits)
         padded = np.pad(initial, ((0, MOST_STARTS - len(initial)), (0, 0)), mode="edge")
         point = _tracked(problem, data, parameters) if warm is None else warm
-        start = Start(point, np.asarray(warm is not None))
+        start = Start(point, np.asarray(warm is not None), limits=limits_of(budget))
         fit, count, costs = search(
             problem, method, data, parameters, padded, np.asarray(len(initial)), start
         )
@@ -231,7 +260,7 @@ def estimate(
             local = method if isinstance(method, GaussNewton) else GaussNewton()
             fit, intervals, more = profiled(problem, data, parameters, fit, local, profile)
             count = count + more
-        found, solution, spread, determined, rates = to_numpy(
+        found, solution, spread, identifiable, rates = to_numpy(
             _finish(problem, data, parameters, fit)
         )
         fit, count, costs = to_numpy((fit, count, costs))
@@ -240,26 +269,28 @@ def estimate(
         intervals = laplace_intervals(fit.values[at], spread[at, at], limits[0][at], limits[1][at])
     else:
         # A narrow interval speaks for the data unless the prior alone would make it narrow.
-        believed = np.sum(root[:, at] ** 2, axis=0) > UNDETERMINED_GAMMA**-2
+        believed = np.sum(root[:, at] ** 2, axis=0) > OPEN_GAMMA_DEVIATION**-2
         narrow = np.diff(intervals)[:, 0] < profile.level * (limits[1] - limits[0])[at]
-        determined = determined.copy()
-        determined[at] = np.where(believed, determined[at], narrow)
+        identifiable = identifiable.copy()
+        identifiable[at] = np.where(believed, identifiable[at], narrow)
     status = solution.status if fit.success else np.asarray(int(Status.ITERATION_LIMIT))
-    names = tuple(n for n, is_free in zip(coordinates.names, chosen, strict=True) if is_free)
+    free_ones = tuple(
+        p for p, is_free in zip(coordinates.parameters, chosen, strict=True) if is_free
+    )
     return Estimate(
         found.theta,
         found.gamma,
         tuple(found.initial_state[s] for s in layout.state_slices),
         solution,
         fit.cost,
-        names,
+        free_ones,
         fit.values[chosen],
         spread[np.ix_(chosen, chosen)],
-        determined[chosen],
+        identifiable[chosen],
         rates[:, :, chosen],
         status,
         count,
-        fit.steps,
+        fit.newton_steps,
         costs[: len(initial)],
         intervals,
     )

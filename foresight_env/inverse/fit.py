@@ -17,8 +17,8 @@ from jaxtyping import Array, Bool, Float, Int
 from foresight_env.equilibrium.conditions.kkt import Iterate, Parameters
 from foresight_env.equilibrium.conditions.layout import Layout
 from foresight_env.equilibrium.newton.implicit import Equilibrium, equilibrium, solution_tangent
-from foresight_env.equilibrium.newton.interior_point import SolverOptions
 from foresight_env.equilibrium.newton.start import Start
+from foresight_env.equilibrium.settings import SolverOptions
 from foresight_env.games.observations import ObservationModel
 from foresight_env.games.types import AnyArray, Scalar
 from foresight_env.inverse.coordinates import Coordinates
@@ -62,9 +62,10 @@ class Fit(NamedTuple):
     rates: Iterate
     """Derivatives of `point` by the parameters, each with a leading axis of p."""
     error: Scalar
+    complementarity: Scalar
     success: Bool[Array, ""]
-    steps: Int[Array, ""]
-    """Newton steps of the solve."""
+    newton_steps: Int[Array, ""]
+    """Of the solve."""
 
 
 def predicted(
@@ -103,7 +104,7 @@ def evaluate_fit(
     )
     jacobian = jacobian * data.free
     cost = jnp.where(result.success, jnp.sum(residual**2), jnp.inf)
-    end = (result.error, result.success, result.iterations)
+    end = (result.error, result.complementarity, result.success, result.iterations)
     return Fit(values, cost, residual, jacobian, result.point, rates, *end)
 
 
@@ -117,7 +118,7 @@ def unevaluated(
     rates = jax.tree.map(lambda v: jnp.zeros((values.size, *v.shape), v.dtype), point)
     jacobian = jnp.zeros((residual.size, values.size), residual.dtype)
     infinite = jnp.asarray(jnp.inf)
-    end = (infinite, jnp.zeros((), bool), jnp.zeros((), int))
+    end = (infinite, infinite, jnp.zeros((), bool), jnp.zeros((), int))
     return Fit(values, infinite, residual, jacobian, point, rates, *end)
 
 
@@ -144,8 +145,9 @@ def extrapolated(fit: Fit, values: Float[Array, "p"]) -> Iterate:
 
 def continued(start: Start, point: Iterate, solves: Int[Array, ""]) -> Start:
     """Where a search that began at `start` goes on: near a solution after the first solve."""
-    near = solves > 0
-    return Start(point, near if start.near is None else near | start.near)
+    warm = solves > 0
+    warm = warm if start.warm is None else warm | start.warm
+    return Start(point, warm, limits=start.limits)
 
 
 def residual_jacobian(

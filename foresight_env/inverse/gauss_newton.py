@@ -15,7 +15,9 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from foresight_env.equilibrium.conditions.kkt import Parameters
+from foresight_env.equilibrium.newton.schedule import limits_of
 from foresight_env.equilibrium.newton.start import Start
+from foresight_env.equilibrium.settings import Budget
 from foresight_env.games.types import Scalar
 from foresight_env.inverse.fit import (
     Data,
@@ -28,22 +30,38 @@ from foresight_env.inverse.fit import (
 )
 from foresight_env.precision import is_traced
 
-STALLS = 2
-"""Steps in a row without a change of the cost after which a search ends."""
-SMOOTH_TOLERANCE = 3e-2
-"""Relative change of the cost that counts as none while the game is smoothed."""
-DAMPING = 0.3
-"""Damping of the first step. With less, first steps go so far that the games there take many
-iterations to solve, only to be refused."""
-PHASE_DAMPING = 1e-2
-"""Least damping of the first step after a change of `GaussNewton.smoothing`: the game is less
-smooth than the one before."""
-PULL = 1e-2
-"""How much, beside what the data say of them at the start, parameters are pulled towards their
-first values while the game is smoothed. A smoothed game never quite reaches a bound that the
-observed agents rest on; without the pull parameters run off in the attempt to get there."""
-ASTRAY = 30.0
-"""Cost of a step, in multiples of the cost before it, that went much too far."""
+
+@dataclass(frozen=True)
+class SearchSettings:
+    """Constants of the search; `benchmarks.inverse` and `benchmarks.online` derive them."""
+
+    stalls: int = 2
+    """Steps in a row without a change of the cost after which a search ends."""
+    smooth_tolerance: float = 3e-2
+    """Relative change of the cost that counts as none while the game is smoothed."""
+    damping: float = 0.3
+    """Damping of the first step. With less, first steps go so far that the games there take many
+    Newton steps, only to be refused."""
+    phase_damping: float = 1e-2
+    """Least damping of the first step after a change of `GaussNewton.smoothing`: the game is less
+    smooth than the one before."""
+    pull: float = 1e-2
+    """Weight, relative to the data's information at the start, of a pull of the parameters towards
+    their first values while the game is smoothed. A smoothed game never quite reaches a bound that
+    the observed agents rest on; without the pull parameters run off."""
+    too_far: float = 30.0
+    """Cost of a step, in multiples of the cost before it, above which damping rises much more."""
+    falls: float = 0.2
+    """Factor of the damping after a step that lowered the cost."""
+    rises: float = 6.0
+    """Factor of the damping after one that did not."""
+    rises_much: float = 36.0
+    """Factor of the damping after one that went too far: games far away take many Newton steps, so
+    a second one nearly as far is not tried."""
+    least_damping: float = 1e-9
+
+
+SETTINGS = SearchSettings()
 
 
 @jax.tree_util.register_dataclass
@@ -53,9 +71,10 @@ class GaussNewton:
 
     max_iterations: int | Int[Array, ""] = 80
     cost_tolerance: float | Scalar = 1e-4
-    """Relative change of the cost, in either direction, that counts as none; after `STALLS` such
-    steps the search ends. Where the active set changes the cost has kinks, on which steps zigzag:
-    of a chi-squared sum of 200, a ten-thousandth is a seventh of a deviation."""
+    """Relative change of the cost, in either direction, that counts as none; after
+    `SearchSettings.stalls` such steps the search ends. Where the active set changes the cost has
+    kinks, on which steps zigzag: of a chi-squared sum of 200, a ten-thousandth is a seventh of a
+    deviation."""
     step_tolerance: float | Scalar = 1e-8
     """Largest change of a parameter below which a step counts as the last one."""
     smoothing: tuple[float | Scalar, ...] = (3e-2, 1e-3)
@@ -64,11 +83,8 @@ class GaussNewton:
     way; each fit is where the next one begins. Takes at most a quarter of `max_iterations` each;
     left out where the caller has an initial guess."""
 
-    give_up: float | Scalar = np.inf
-    """Cost of the first game above which a search from a caller's initial guess ends with it."""
-    hurried: bool | Bool[Array, ""] = False
-    """Whether all games get but the Newton steps of a trial (`SolverOptions.trial_steps`), the first one
-    too."""
+    initial_cost_limit: float | Scalar = np.inf
+    """Cost of the first game above which a search from a caller's guess ends with it."""
 
     def __post_init__(self) -> None:
         if not is_traced(self) and not all(b > 0.0 for b in self.smoothing):
@@ -93,33 +109,35 @@ class GaussNewton:
 
         def body(state: _State) -> _State:
             fit = state.fit
-            near = continued(start, extrapolated(fit, state.trial), state.solves)
-            near = near._replace(barrier=barriers[state.phase], trial=self.hurried | ~state.renewed)
-            trial = evaluate_fit(problem, data, base, state.trial, near)
+            begin = continued(start, extrapolated(fit, state.trial), state.solves)
+            limits = limits_of(Budget.offline()) if start.limits is None else start.limits
+            begin = begin._replace(
+                barrier=barriers[state.phase], limits=limits.of_trial(~state.renewed)
+            )
+            trial = evaluate_fit(problem, data, base, state.trial, begin)
             # What another game's fit cost is no measure of this one.
             final = state.phase == len(self.smoothing)
-            stiffness = PULL * jnp.sum(trial.jacobian**2, axis=0)
+            stiffness = SETTINGS.pull * jnp.sum(trial.jacobian**2, axis=0)
             stiffness = jnp.where(state.solves == 0, stiffness, state.stiffness)
             pull = jnp.where(final, 0.0, stiffness)
             cost = trial.cost + jnp.sum(pull * (trial.values - values) ** 2)
-            astray_at_once = final & (state.solves == 0) & (cost > self.give_up)
-            hopeless = ~trial.success | astray_at_once
+            too_costly = final & (state.solves == 0) & (cost > self.initial_cost_limit)
+            useless = ~trial.success | too_costly
             better = state.renewed | (trial.success & (cost < state.cost))
-            tolerance = jnp.where(final, self.cost_tolerance, SMOOTH_TOLERANCE)
+            tolerance = jnp.where(final, self.cost_tolerance, SETTINGS.smooth_tolerance)
             small = trial.success & (jnp.abs(state.cost - cost) <= tolerance * state.cost)
             stalls = jnp.where(small & ~state.renewed, state.stalls + 1, 0)
             still = jnp.max(jnp.abs(state.trial - fit.values)) <= self.step_tolerance
-            over = still | (stalls >= jnp.where(final, STALLS, 1))
+            over = still | (stalls >= jnp.where(final, SETTINGS.stalls, 1))
             over = (over | (~final & (state.steps >= longest))) & ~state.renewed
-            # Games far away take many iterations: after a step that went much too far, a second
-            # one nearly as far is not tried.
-            astray = ~trial.success | (cost > ASTRAY * state.cost)
-            raised = state.damping * jnp.where(astray, 36.0, 6.0)
-            damping = jnp.where(better, jnp.maximum(state.damping * 0.2, 1e-9), raised)
+            too_far = ~trial.success | (cost > SETTINGS.too_far * state.cost)
+            rise = jnp.where(too_far, SETTINGS.rises_much, SETTINGS.rises)
+            fallen = jnp.maximum(state.damping * SETTINGS.falls, SETTINGS.least_damping)
+            damping = jnp.where(better, fallen, state.damping * rise)
             damping = jnp.where(state.renewed, state.damping, damping)
             chosen = jax.tree.map(lambda new, old: jnp.where(better, new, old), trial, fit)
             following = over & ~final
-            damping = jnp.where(following, jnp.maximum(damping, PHASE_DAMPING), damping)
+            damping = jnp.where(following, jnp.maximum(damping, SETTINGS.phase_damping), damping)
             pull = jnp.where(following & (state.phase + 1 == len(self.smoothing)), 0.0, pull)
             step = damped_step(
                 chosen.values, chosen.residual, chosen.jacobian, damping, data, pull, values
@@ -136,21 +154,21 @@ class GaussNewton:
                 jnp.where(following, 0, state.steps + 1),
                 state.phase + following,
                 following,
-                jnp.where(state.renewed, hopeless, over & final),
+                jnp.where(state.renewed, useless, over & final),
             )
 
         values = jnp.clip(values, low, high)
         nothing = unevaluated(problem, data, base, values, start)
         zero, no = jnp.zeros((), int), jnp.zeros((), bool)
         # A solution of a similar game is where smoothing would lead.
-        skipped = False if start.near is None else start.near
+        skipped = False if start.warm is None else start.warm
         phase = jnp.where(skipped, len(self.smoothing), zero)
         begin = _State(
             nothing,
             nothing.cost,
             jnp.zeros_like(values),
             values,
-            jnp.asarray(DAMPING),
+            jnp.asarray(SETTINGS.damping),
             zero,
             zero,
             zero,

@@ -10,7 +10,7 @@ from scipy.stats import norm
 from foresight_env.inverse.coordinates import Coordinates
 from foresight_env.inverse.fit import Data, Fit, Problem
 
-UNDETERMINED_GAMMA = 0.29
+OPEN_GAMMA_DEVIATION = 0.29
 """Data-only deviation above which a discount factor counts as open: that of a uniform guess on
 [0, 1] (1 / sqrt(12))."""
 
@@ -18,15 +18,15 @@ INTERVAL_LEVEL = 0.9
 """Of intervals, unless a profile has another."""
 
 
-def is_determined(coordinates: Coordinates, information: Array, values: Array) -> Array:
-    """(p,) which parameters the data alone pin down.
+def is_identifiable(coordinates: Coordinates, information: Array, values: Array) -> Array:
+    """(p,) which parameters the data alone identify.
 
     From the data's information matrix (no prior) each parameter's marginal deviation is computed; a
-    discount factor counts as determined below `UNDETERMINED_GAMMA`, any other parameter below
+    discount factor is identifiable below `OPEN_GAMMA_DEVIATION`, any other parameter below
     `max(1, |value|)` in its own unit.
     """
     scale = jnp.maximum(jnp.abs(values), 1.0)
-    limit = jnp.where(jnp.asarray(coordinates.is_gamma), UNDETERMINED_GAMMA, scale)
+    limit = jnp.where(jnp.asarray(coordinates.is_gamma), OPEN_GAMMA_DEVIATION, scale)
     ridge = 1e-6 / limit**2
     deviation = jnp.sqrt(jnp.diag(jnp.linalg.inv(information + jnp.diag(ridge))))
     return deviation < limit
@@ -39,7 +39,7 @@ def _inverse_of(information: Array, free: Array, floor: Array) -> Float[Array, "
 
 
 def laplace(problem: Problem, data: Data, fit: Fit) -> tuple[Float[Array, "p p"], Bool[Array, "p"]]:
-    """Inverse of the Gauss-Newton information, prior included, and what is determined.
+    """Inverse of the Gauss-Newton information, prior included, and what is identifiable.
 
     Parameters that rest on a limit do not vary with the others, so they are left out of the
     inverse; how far the data allow them off that limit is their deviation without it.
@@ -53,7 +53,7 @@ def laplace(problem: Problem, data: Data, fit: Fit) -> tuple[Float[Array, "p p"]
     covariance = _inverse_of(information, free, floor)
     loose = jnp.diag(_inverse_of(information, jnp.asarray(data.free), floor))
     covariance += jnp.diag(jnp.where(held, loose, 0.0))
-    return covariance, is_determined(problem.coordinates, from_data, fit.values)
+    return covariance, is_identifiable(problem.coordinates, from_data, fit.values)
 
 
 def laplace_intervals(

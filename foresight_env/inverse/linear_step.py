@@ -16,7 +16,7 @@ from jaxtyping import Array, Float
 from foresight_env.equilibrium.conditions.kkt import Iterate, Parameters
 from foresight_env.games.types import AnyArray
 from foresight_env.inverse.fit import Data, Problem, residual_jacobian, residuals
-from foresight_env.inverse.gauss_newton import DAMPING, damped_step
+from foresight_env.inverse.gauss_newton import SETTINGS, damped_step
 
 
 class Rates(NamedTuple):
@@ -53,6 +53,12 @@ def linear_step(
     seen = residual.size - data.prior_root.shape[0]
     jacobian = jnp.concatenate([plain[:seen], data.prior_root @ carry])
     step = damped_step(
-        values, residual, jacobian, jnp.asarray(DAMPING), data, jnp.zeros_like(values), values
+        values,
+        residual,
+        jacobian,
+        jnp.asarray(SETTINGS.damping),
+        data,
+        jnp.zeros_like(values),
+        values,
     )
     return jnp.clip(values + carry @ step, data.low, data.high)

@@ -85,8 +85,8 @@ def search(
 
     def one(state):
         number, best, solves, costs = state
-        # Every other start begins at the best fit's other parameters: where the caller's initial guess of
-        # them is poor, all starts would otherwise fall into the same local minimum.
+        # Every other start begins at the best fit's other parameters: where the caller's initial
+        # guess of them is poor, all starts would otherwise fall into the same local minimum.
         fresh = (number % 2 == 1) | (number == 0) | ~jnp.isfinite(best.cost)
         kept = is_gamma | fresh
         values = jnp.where(kept, starts[number], best.values)

@@ -17,8 +17,8 @@ class Prior:
     """`gamma_weight * ||gamma - gamma_center||^2` (paper, section VI-E), a Gaussian on the rest.
 
     `gamma_center` = 1 believes in farsighted players, 0 in short-sighted ones. `mean` and
-    `information` (p,), (p, p), over all free parameters in the order of `Estimate.names`, add a
-    Gaussian belief: an earlier estimate's `values` and the inverse of its `covariance`.
+    `information` (p,), (p, p), over all free parameters in the order of `Estimate.parameters`, add
+    a Gaussian belief: an earlier estimate's `values` and the inverse of its `covariance`.
     """
 
     gamma_weight: float | tuple[float, ...] = 1e-3
@@ -57,7 +57,7 @@ def prior_terms(
             raise ValueError(
                 f"prior.theta_deviation: {name!r} is {deviation}; expected more than 0"
             )
-    entries = [name.split("[")[0].split(" ")[0] for name in coordinates.names]
+    entries = [parameter.entry for parameter in coordinates.parameters]
     believed = np.array([spread[e] ** -2.0 if e in spread else 0.0 for e in entries])
     weight = np.where(coordinates.is_gamma, 0.0, believed)
     center = values.copy()

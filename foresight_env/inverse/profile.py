@@ -38,7 +38,7 @@ BETTER = 0.1
 which one deviation is 1."""
 WALKING_TOLERANCE = 1e-3
 """Relative change of the objective that counts as none on the way."""
-AFRESH = 3
+FROM_SMOOTHED = 3
 """How many times `Profile.iterations` a fit may take that begins with a smoothed game."""
 RENEWALS = 3
 """Better minima after which no more are followed."""
@@ -79,20 +79,20 @@ class Profiled(NamedTuple):
 
 
 Refit = Callable[..., Fit]
-"""`refit(values, near, held=None, afresh=False)`: the fit that is found from `values` on, beginning
-near another fit, with one parameter held or with a smoothed game first."""
+"""`refit(values, near, held=None, smoothed=False)`: the fit that is found from `values` on,
+beginning near another fit, with one parameter held or with a smoothed game first."""
 
 
 @partial(jax.jit, static_argnums=0)
-def _begin(problem: Problem, base: Parameters, near: Fit, values: Array, afresh: Array) -> Start:
+def _begin(problem: Problem, base: Parameters, near: Fit, values: Array, smoothed: Array) -> Start:
     """Near a solution moved along its derivatives, or the path from its controls."""
 
-    def anew() -> Iterate:
+    def from_path() -> Iterate:
         parameters = problem.coordinates.unpack(values, base)
         return from_controls(problem.layout, problem.options, parameters, near.point.u)
 
-    point = jax.lax.cond(afresh, anew, lambda: extrapolated(near, values))
-    return Start(point, ~afresh)
+    point = jax.lax.cond(smoothed, from_path, lambda: extrapolated(near, values))
+    return Start(point, ~smoothed)
 
 
 _laplace = jax.jit(laplace, static_argnums=0)
@@ -107,12 +107,12 @@ def profiled(
         method,
         max_iterations=profile.iterations,
         cost_tolerance=WALKING_TOLERANCE,
-        give_up=np.inf,
+        initial_cost_limit=np.inf,
     )
-    thorough = replace(walking, max_iterations=AFRESH * profile.iterations)
+    thorough = replace(walking, max_iterations=FROM_SMOOTHED * profile.iterations)
 
     def refit(
-        values: Float[np.ndarray, "p"], near: Fit, held: int | None = None, afresh: bool = False
+        values: Float[np.ndarray, "p"], near: Fit, held: int | None = None, smoothed: bool = False
     ) -> Fit:
         nonlocal solves
         free = np.array(data.free)
@@ -120,12 +120,12 @@ def profiled(
             free[held] = 0.0
         found, spent, _ = search(
             problem,
-            thorough if afresh else walking,
+            thorough if smoothed else walking,
             data._replace(free=free),
             base,
             np.tile(values, (MOST_STARTS, 1)),
             np.asarray(1),
-            _begin(problem, base, near, values, np.asarray(afresh)),
+            _begin(problem, base, near, values, np.asarray(smoothed)),
         )
         solves += int(spent)
         return found
@@ -188,7 +188,7 @@ def _walk(
         trial[at] = origin + sign * place
         fit = refit(trial, nearest, held=at)
         if not fit.cost < best.cost + profile.rise:
-            again = refit(trial, nearest, held=at, afresh=True)
+            again = refit(trial, nearest, held=at, smoothed=True)
             fit = again if again.cost < fit.cost else fit
         if follow and fit.cost < best.cost - BETTER:
             best = fit

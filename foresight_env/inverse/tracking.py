@@ -16,8 +16,8 @@ from jaxtyping import Array, Float
 from foresight_env.equilibrium.conditions.kkt import Parameters
 from foresight_env.equilibrium.conditions.layout import layout_of
 from foresight_env.equilibrium.newton.implicit import Equilibrium, equilibrium
-from foresight_env.equilibrium.newton.interior_point import SolverOptions
 from foresight_env.equilibrium.newton.start import begin
+from foresight_env.equilibrium.settings import SolverOptions
 from foresight_env.games.costs import Effort
 from foresight_env.games.game import Game
 from foresight_env.games.observations import ObservationModel

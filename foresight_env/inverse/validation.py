@@ -72,19 +72,20 @@ def check_observations(
 
 
 def check_rates(layout: Layout, rates: Rates | None, guessed: bool, count: int) -> None:
-    """Raise `ValueError` where rates are another game's, or of no initial guess; `count`: free ones."""
+    """Raise `ValueError` where rates do not fit the game or come without an initial guess."""
     if rates is None:
         return
     if not guessed:
         raise ValueError(
-            "initial_guess_rates: says how `initial_guess` changes; expected with an initial guess only"
+            "initial_guess_rates: holds derivatives of `initial_guess`; expected with an "
+            "initial guess only"
         )
     shapes = (np.shape(rates.states), np.shape(rates.carry))
     wanted = ((layout.game.horizon + 1, layout.n, count), (count, count))
     if shapes != wanted:
         raise ValueError(
-            f"initial_guess_rates: has states {shapes[0]} and carry {shapes[1]}; expected {wanted[0]} and "
-            f"{wanted[1]}"
+            f"initial_guess_rates: has states {shapes[0]} and carry {shapes[1]}; expected "
+            f"{wanted[0]} and {wanted[1]}"
         )
 
 
@@ -99,8 +100,8 @@ def check_start(
     Initial states are let in: they are noisy where observations are.
     """
     kinds = coordinates.kinds
-    for k in np.flatnonzero((kinds != "state") & ((values < low) | (values > high))):
+    for k in np.flatnonzero((kinds != "initial_state") & ((values < low) | (values > high))):
         raise ValueError(
-            f"{kinds[k]}: {coordinates.names[k]} starts at {values[k]:g}; it is estimated in "
+            f"{kinds[k]}: {coordinates.parameters[k]} starts at {values[k]:g}; it is estimated in "
             f"[{low[k]:g}, {high[k]:g}] (free.{kinds[k]}_range)"
         )

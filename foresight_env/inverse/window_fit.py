@@ -1,4 +1,4 @@
-"""The inverse problem of one window of observations, as an online estimator meets it."""
+"""The inverse problem of one window of observations, of the moving-horizon estimator."""
 
 from __future__ import annotations
 
@@ -8,12 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from foresight_env.equilibrium.newton.interior_point import SolverOptions
+from foresight_env.equilibrium.settings import Budget, SolverOptions
 from foresight_env.equilibrium.solve import Solution, shift
 from foresight_env.equilibrium.status import Status
 from foresight_env.games.game import Game
 from foresight_env.games.observations import ObservationModel
 from foresight_env.games.types import Theta
+from foresight_env.inverse.arrival_cost import is_initial_state
 from foresight_env.inverse.coordinates import Free
 from foresight_env.inverse.estimate import Estimate, estimate
 from foresight_env.inverse.gauss_newton import GaussNewton
@@ -41,11 +42,12 @@ class WindowFit:
     def run(
         self,
         method: GaussNewton,
+        budget: Budget,
         starts: int = 1,
         initial_guess: Solution | None = None,
         rates: Rates | None = None,
     ) -> Estimate:
-        """Fit from a similar game's solution, or afresh."""
+        """Fit from a similar game's solution, or from the observations."""
         return estimate(
             self.game,
             self.observations,
@@ -60,6 +62,7 @@ class WindowFit:
             starts=MultiStart(starts),
             initial_guess=initial_guess,
             initial_guess_rates=rates,
+            budget=budget,
             options=self.options,
         )
 
@@ -72,10 +75,10 @@ class WindowFit:
     def freedom(self, found: Estimate) -> int:
         """Numbers seen beyond the parameters that they determine."""
         seen = int(np.sum(~np.isnan(self.observations)))
-        return max(seen - len(found.names), seen // 4, 1)
+        return max(seen - len(found.parameters), seen // 4, 1)
 
     def reduced_chi_squared(self, found: Estimate | None) -> float:
-        """See `MovingHorizonState.reduced_chi_squared`; infinite where a fit cannot be used."""
+        """Reduced chi-squared, at least 1; infinite where a fit cannot be used."""
         if found is None:
             return np.inf
         return max(1.0, self.cost(found) / self.freedom(found))
@@ -99,7 +102,7 @@ def moved_along(found: Estimate, sliding: bool) -> Estimate:
 
 def rates_of(moved: Estimate) -> Rates:
     """How such an estimate changes with its `values`."""
-    carry = np.eye(len(moved.names))
-    is_state = np.array([name.startswith("initial_state[") for name in moved.names])
+    carry = np.eye(len(moved.parameters))
+    is_state = is_initial_state(moved.parameters)
     carry[is_state] = moved.state_jacobian[0]
     return Rates(moved.state_jacobian, carry)

@@ -101,7 +101,7 @@ def draw_junction(
     cars: int = 2,
     ranges: JunctionRanges = JunctionRanges(),
 ) -> EpisodeParameters:
-    """Draw initial states, goals, weights and discount factors around the published episode_parameters."""
+    """Draw initial states, goals, weights and discount factors around the published ones."""
     kinds = junction_kinds(pedestrians, cars)
     people, vehicles = _PEDESTRIANS[:pedestrians].copy(), _CARS[:cars].copy()
     people[:, :2] += random.uniform(-ranges.place, ranges.place, (pedestrians, 2))

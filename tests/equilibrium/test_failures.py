@@ -12,7 +12,7 @@ from foresight_env.equilibrium import SolveError, SolverOptions, Status, shift, 
 from foresight_env.equilibrium.checks.validation import check_parameters
 from foresight_env.equilibrium.conditions.layout import layout_of
 from foresight_env.equilibrium.conditions.pairs import pairs_of
-from foresight_env.equilibrium.newton.phases import attempt_count, attempt_rules
+from foresight_env.equilibrium.newton.schedule import attempt_count, attempt_rules
 from foresight_env.equilibrium.newton.start import begin, begin_attempt
 from foresight_env.games import (
     Bounds,

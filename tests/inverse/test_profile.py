@@ -118,7 +118,7 @@ def walk(cost, limit=1.0, *, at=0.5, points=8, follow=True, solved=lambda g: Tru
     the best fit and the end.
     """
 
-    def refit(values, near, held=None, afresh=False):
+    def refit(values, near, held=None, smoothed=False):
         g = float(values[0])
         return known(g, cost(g) if solved(g) else np.inf, solved(g))
 

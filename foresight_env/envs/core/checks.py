@@ -216,7 +216,8 @@ def check_episode_parameters(value: Any, world: World) -> EpisodeParameters:
         )
     if not isinstance(value.theta, Sequence) or len(value.theta) != world.players:
         raise ValueError(
-            f"options['episode_parameters'].theta: expected {world.players} mappings, one per player"
+            f"options['episode_parameters'].theta: expected {world.players} mappings, one per "
+            "player"
         )
     thetas = []
     for i, (theta, parameters) in enumerate(zip(value.theta, world.parameters(), strict=True)):
@@ -264,7 +265,7 @@ def check_options(options: Any, world: World) -> dict[str, Any]:
 
 
 def with_options(drawn: EpisodeParameters, options: Mapping[str, Any]) -> EpisodeParameters:
-    """The drawn episode with what checked options set; entries win over a whole `episode_parameters`."""
+    """Return the drawn episode changed by checked options; single entries win."""
     states, thetas, gamma = options.get("episode_parameters", drawn)
     if "goals" in options:
         goals = options["goals"]

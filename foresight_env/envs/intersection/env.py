@@ -12,9 +12,9 @@
 | Observation shape | (4 N + 2,) or (2 N + 2,), float32 |
 
 Two people finish crossing the western arm, a car turns into that arm, another drives straight on
-behind it: the published episode_parameters. With more agents two people come the other way, a car comes from
-the south and one from the west. Player i weighs what it pays t steps ahead with `gamma_i ** t`. The
-user controls some of them; the others play an equilibrium of the game between all
+behind it: the published episode. With more agents two people come the other way, a car
+comes from the south and one from the west. Player i weighs what it pays t steps ahead with `gamma_i
+** t`. The user controls some of them; the others play an equilibrium of the game between all
 (`scenarios.junction`). Nobody is told the discount factors, goals and weights of the others.
 
 **Motion.** 0.24 s per step, as in the recording. Pedestrians are double integrators with at most
@@ -68,10 +68,11 @@ Afterwards `agents` is empty and `step` raises `gymnasium.error.ResetNeeded`.
 - `max_steps=30`: steps until truncation.
 - `render_mode=None`: `"rgb_array"` or `"human"`.
 
-**SolverOptions of `reset`**, each in place of what would be drawn: `"gamma"` (N,), `"goals"` (N, 2) m,
-`"initial_state"` (N, 4), `"episode_parameters"`, a whole `scenarios.episode_parameters.EpisodeParameters`. Single entries
-win over `"episode_parameters"`. Without a seed, `reset` continues the stream of the last one; an episode
-does not depend on how long the ones before it took.
+**Options of `reset`**, each in place of what would be drawn: `"gamma"` (N,), `"goals"` (N, 2)
+m, `"initial_state"` (N, 4), `"episode_parameters"`, a whole
+`scenarios.episode_parameters.EpisodeParameters`. Single entries win over `"episode_parameters"`.
+Without a seed, `reset` continues the stream of the last one; an episode does not depend on how long
+the ones before it took.
 
 **Information** of each agent, and the only place of ground truth: `state` (N, 4), `gamma` (N,),
 `theta` (`goal` (N, 2), distances and weights (N,), 0 where a player has none), `controls` (N,

@@ -15,8 +15,8 @@ from jaxtyping import Array, Int
 from foresight_env.equilibrium.conditions.kkt import Iterate, Parameters
 from foresight_env.equilibrium.conditions.layout import Layout
 from foresight_env.equilibrium.newton.implicit import Equilibrium, equilibrium
-from foresight_env.equilibrium.newton.interior_point import SolverOptions
 from foresight_env.equilibrium.newton.start import begin
+from foresight_env.equilibrium.settings import SolverOptions
 from foresight_env.equilibrium.solve import Solution, to_solution
 from foresight_env.games.types import AnyArray
 

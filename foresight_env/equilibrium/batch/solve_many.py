@@ -1,4 +1,4 @@
-"""Many games at once: shared out among threads, which solve theirs in turn or in lanes."""
+"""Many games at once: shared out among threads, which solve theirs in turn or in batch slots."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from foresight_env.equilibrium.checks.validation import check_parameters
 from foresight_env.equilibrium.conditions.kkt import Iterate, Parameters
 from foresight_env.equilibrium.conditions.layout import Layout, layout_of
 from foresight_env.equilibrium.linear_algebra.riccati import leaves_to_library
-from foresight_env.equilibrium.newton.interior_point import SolverOptions
 from foresight_env.equilibrium.newton.newton_system import stage_unknowns
+from foresight_env.equilibrium.settings import SolverOptions
 from foresight_env.equilibrium.solve import Solution, check_iterate
 from foresight_env.games.game import Game
 from foresight_env.precision import to_double, to_numpy
 
-ACCELERATOR_LANES = 4096
+ACCELERATOR_SLOTS = 4096
 """Games that step together on an accelerator, where the caller does not say."""
-LIBRARY_LANES = 16
+LIBRARY_SLOTS = 16
 """The same where LAPACK eliminates the stages of single games: its batched calls from two threads
-at once make jaxlib (0.10) wait for ever, and lanes do without it."""
+at once make jaxlib (0.10) wait for ever, and batch slots do without it."""
 
 
 def solve_many(
@@ -38,7 +38,7 @@ def solve_many(
     *,
     initial_guess: Solution | None = None,
     options: SolverOptions = SolverOptions(),
-    lanes: int | None = None,
+    batch_size: int | None = None,
     threads: int | None = None,
 ) -> Solution:
     """Solve the same game for many initial states, parameters and discount factors.
@@ -50,8 +50,8 @@ def solve_many(
         gamma: (B, N), or (N,) or a number for all games.
         initial_guess: a `Solution` with a leading axis of B, to start from.
         options: tolerances.
-        lanes: games that step together; default one on a processor, where each takes its turn
-            (some where stages are large), and thousands on an accelerator.
+        batch_size: games that step together (batch slots); default one on a processor, where each
+            takes its turn (some where stages are large), and thousands on an accelerator.
         threads: threads that each take a share of the games; default one per core, or a single
             one for an accelerator.
 
@@ -77,7 +77,9 @@ def solve_many(
     starts = None if initial_guess is None else to_double(Iterate(*initial_guess.point))
     if starts is not None:
         check_iterate(layout, starts, (count,))
-    return solve_checked(layout, parameters, starts, options=options, lanes=lanes, threads=threads)
+    return solve_checked(
+        layout, parameters, starts, options=options, batch_size=batch_size, threads=threads
+    )
 
 
 def solve_checked(
@@ -86,7 +88,7 @@ def solve_checked(
     starts: Iterate | None,
     *,
     options: SolverOptions = SolverOptions(),
-    lanes: int | None = None,
+    batch_size: int | None = None,
     threads: int | None = None,
     active: int | None = None,
 ) -> Solution:
@@ -103,16 +105,16 @@ def solve_checked(
         max(0, -(-((count if active is None else active) - w) // workers)) for w in range(workers)
     ]
 
-    usual = default_lanes(layout)
-    wanted = usual if lanes is None else lanes
+    usual = default_batch_size(layout)
+    size = usual if batch_size is None else batch_size
 
     def share(worker: int) -> Solution:
         mine = jax.tree.map(lambda v: v[worker::workers], (parameters, starts))
         with jax.enable_x64(True):
-            if wanted == usual == 1:
+            if size == usual == 1:
                 found = solve_in_turn(layout, options, *mine, asked[worker])
-            else:  # even a single lane does without LAPACK
-                width = min(wanted, len(mine[0].gamma))
+            else:  # even a single batch slot does without LAPACK
+                width = min(size, len(mine[0].gamma))
                 found = solve_in_slots(layout, options, width, *mine, asked[worker])
             numbers: Solution = to_numpy(found)
         return numbers
@@ -130,12 +132,12 @@ def solve_checked(
     return woven_
 
 
-def default_lanes(layout: Layout) -> int:
+def default_batch_size(layout: Layout) -> int:
     """Games that step together, depending on what JAX computes on."""
     if jax.default_backend() != "cpu":
-        return ACCELERATOR_LANES
+        return ACCELERATOR_SLOTS
     unknowns = stage_unknowns(layout)
-    return LIBRARY_LANES if leaves_to_library(layout.n, unknowns, layout.equal_sizes) else 1
+    return LIBRARY_SLOTS if leaves_to_library(layout.n, unknowns, layout.equal_sizes) else 1
 
 
 def _checked(game: Game, states: np.ndarray, theta: Any, gammas: np.ndarray) -> Parameters:

@@ -20,19 +20,23 @@ from foresight_env.equilibrium.conditions.layout import Layout
 from foresight_env.equilibrium.conditions.pairs import Parts, join, pairs_of, split
 from foresight_env.equilibrium.conditions.residual import evaluate, violation
 from foresight_env.equilibrium.linear_algebra.stagewise import factorise, solve_stages
-from foresight_env.equilibrium.newton.interior_point import (
-    SolverOptions,
-    accuracy_of,
-    converged,
-    iterate,
-)
 from foresight_env.equilibrium.newton.newton_system import (
     eliminate_pairs,
     on_the_path,
     stage_system,
 )
-from foresight_env.equilibrium.newton.phases import attempt_count, attempt_rules
-from foresight_env.equilibrium.newton.start import Start, begin_attempt
+from foresight_env.equilibrium.newton.phase import (
+    Accuracy,
+    PhaseState,
+    accuracy_of,
+    init_phase,
+    phase_ended,
+    step_phase,
+    succeeded,
+)
+from foresight_env.equilibrium.newton.schedule import phase_count, phase_rules
+from foresight_env.equilibrium.newton.start import Start, begin_phase
+from foresight_env.equilibrium.settings import SolverOptions
 from foresight_env.games.types import Scalar
 
 
@@ -47,49 +51,50 @@ class Equilibrium(NamedTuple):
     iterations: Int[Array, ""]
     success: Bool[Array, ""]
     began: Bool[Array, ""] | None = None
-    """Whether the first attempt along the path began; else something was not finite where it was to
-    begin."""
+    """Whether the first interior-point phase began; else something was not finite at its start."""
+
+
+def result_of(state: PhaseState, iterations: Int[Array, ""], accuracy: Accuracy) -> Equilibrium:
+    """Return the result of a phase; `iterations`: of all phases together."""
+    ev = state.evaluation
+    return Equilibrium(
+        state.point,
+        ev.q,
+        state.error,
+        ev.complementarity,
+        violation(ev),
+        iterations,
+        succeeded(state, accuracy),
+    )
 
 
 @partial(jax.jit, static_argnums=(0, 1), inline=True)
 def _solve(
     layout: Layout, options: SolverOptions, parameters: Parameters, start: Start
 ) -> Equilibrium:
-    """Attempts until one succeeds; module `start` says where each begins."""
+    """Run phases until one succeeds; module `start` has where each begins."""
     accuracy = accuracy_of(options, start.barrier)
-    first = jnp.ones((), int) if start.near is None else jnp.where(start.near, 0, 1)
-    attempts = attempt_count(options, start.near)
-    if start.trial is not None:
-        attempts = jnp.where(start.trial, jnp.minimum(attempts, 1), attempts)
+    first = jnp.ones((), int) if start.warm is None else jnp.where(start.warm, 0, 1)
+    last = phase_count(options, start.warm, start.limits)
 
-    def attempt(state):
-        number, last, spent = state
-        begin = begin_attempt(layout, options, parameters, start, number)
-        exact_below, limit = attempt_rules(layout, options, number, start.near)
-        if start.trial is not None:
-            limit = jnp.where(start.trial, jnp.minimum(limit, options.trial_steps), limit)
-        local = None if start.near is None else number == 0
-        point, ev, iterations = iterate(
-            layout, parameters, begin, options, accuracy, exact_below, limit, local
+    def phase(state):
+        number, previous, spent = state
+        begin = begin_phase(layout, options, parameters, start, number)
+        rules = phase_rules(layout, options, number, start.warm, start.limits)
+        end = jax.lax.while_loop(
+            lambda s: ~phase_ended(layout, options, s, rules, accuracy),
+            lambda s: step_phase(layout, options, parameters, s, rules, accuracy),
+            init_phase(layout, parameters, begin, rules, accuracy),
         )
-        spent += iterations
-        result = Equilibrium(
-            point,
-            ev.q,
-            ev.error,
-            ev.complementarity,
-            violation(ev),
-            spent,
-            converged(ev, accuracy),
-            last.began
-            | converged(ev, accuracy)
-            | ((number == 1) & ((iterations > 1) | jnp.isfinite(ev.error))),
-        )
-        return number + 1, result, spent
+        spent += end.iteration
+        result = result_of(end, spent, accuracy)
+        moved = (end.iteration > 1) | jnp.isfinite(result.error)
+        began = previous.began | result.success | ((number == 1) & moved)
+        return number + 1, result._replace(began=began), spent
 
     def unsolved(state):
         number, result, _ = state
-        return (number <= attempts) & ~result.success
+        return (number <= last) & ~result.success
 
     zero, infinite = jnp.zeros((), int), jnp.asarray(jnp.inf)
     nothing = Equilibrium(
@@ -102,7 +107,7 @@ def _solve(
         jnp.zeros((), bool),
         jnp.zeros((), bool),
     )
-    return jax.lax.while_loop(unsolved, attempt, (first, nothing, zero))[1]
+    return jax.lax.while_loop(unsolved, phase, (first, nothing, zero))[1]
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0, 1))

@@ -1,38 +1,27 @@
-"""Primal-dual interior-point method for a game's mixed complementarity problem.
+"""One Newton step for a game's mixed complementarity problem.
 
-Every inequality `g >= 0` gets a slack and a multiplier with `slack * multiplier = barrier`;
-Newton's method follows that path down to `SolverOptions.barrier` with Mehrotra's predictor and corrector
-(Nocedal and Wright, "Numerical Optimization", 2nd ed., algorithm 14.3). What each iteration solves
-has the size of one stage (modules `newton_system`, `stagewise`).
+Every inequality `g >= 0` gets a slack and a multiplier with `slack * multiplier = barrier`. An
+*interior-point* step follows that path down to `SolverOptions.barrier` with Mehrotra's predictor
+and corrector (Nocedal and Wright, "Numerical Optimization", 2nd ed., algorithm 14.3). What each
+step solves has the size of one stage (modules `newton_system`, `stagewise`).
 
-Near a solution that is known, of a similar game say, the path is left out: *local* steps are plain
-Newton steps on `slack + multiplier - sqrt(slack^2 + multiplier^2 + 2 barrier) = 0`, whose solutions
-are the same points but which may be entered from anywhere (Fischer, Optimization 24, 1992; smoothed
-as by Kanzow, SIAM J. Matrix Anal. Appl. 17, 1996).
+A *semismooth* step, for starts near a solution, is a plain Newton step on `slack + multiplier -
+sqrt(slack^2 + multiplier^2 + 2 barrier) = 0`, which has the same solutions and may start anywhere
+(Fischer, Optimization 24, 1992; smoothed as by Kanzow, SIAM J. Matrix Anal. Appl. 17, 1996).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import NamedTuple
-
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool
 
-from foresight_env.equilibrium.conditions.kkt import Iterate, Parameters
+from foresight_env.equilibrium.conditions.kkt import Iterate
 from foresight_env.equilibrium.conditions.layout import Layout
-from foresight_env.equilibrium.conditions.pairs import Pairs, count, pairs_of
-from foresight_env.equilibrium.conditions.residual import (
-    VIOLATED,
-    Evaluation,
-    evaluate,
-    largest_multiplier,
-    violation,
-)
+from foresight_env.equilibrium.conditions.pairs import Pairs, count
+from foresight_env.equilibrium.conditions.residual import Evaluation
 from foresight_env.equilibrium.conditions.rollout import feedback_rollout
 from foresight_env.equilibrium.linear_algebra.stagewise import Factor, factorise
-from foresight_env.equilibrium.newton.convexification import next_convexity, used_convexity
 from foresight_env.equilibrium.newton.newton_system import (
     Linear,
     direction,
@@ -43,102 +32,6 @@ from foresight_env.equilibrium.newton.newton_system import (
     stage_system,
 )
 from foresight_env.games.types import Scalar
-
-
-@dataclass(frozen=True)
-class SolverOptions:
-    """Settings of the forward solver; the defaults are those that the benchmarks measured."""
-
-    tolerance: float = 1e-8
-    """Largest entry of the scaled KKT residual at which a game counts as solved."""
-    max_iterations: int = 80
-    """Newton steps per attempt along the path where all dynamics are linear."""
-    nonlinear_iterations: int = 200
-    """The same where some are not: a short-sighted driver's stages settle one after another."""
-    barrier: float = 1e-9
-    """Complementarity product at the solution: the solution is a smooth function of parameters."""
-    barrier_schedule: tuple[float, ...] = (0.1, 1.0, 100.0, 10.0)
-    """Complementarity product at the start of each attempt along the path. The first attempt begins
-    at the start itself, later ones at controls nudged off any symmetry and with the exact curvature
-    used earlier. A narrow path stays near the equilibrium that it begins at, and suits cars that
-    just fit between others; costs in the hundreds want a wide one. From a similar game's solution
-    there are two attempts before them (module `attempts`)."""
-    exact_below: float = 1e-2
-    """Residual below which all curvature is used exactly."""
-    local_steps: int = 10
-    """Local steps from a similar game's solution, before the path is followed from there."""
-    resumed_steps: int = 45
-    """Newton steps of the attempt along the path that begins at a similar game's solution. Of 319
-    such at crossings, junctions and drives 298 arrived within 45, and 13 more within 200."""
-    trial_steps: int = 25
-    """Newton steps of the one attempt along the path that a fit's trial step gets: parameters whose
-    game is not solved soon are no step to take."""
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "barrier_schedule", tuple(self.barrier_schedule))
-        if not self.barrier_schedule or not all(b > 0.0 for b in self.barrier_schedule):
-            raise ValueError(
-                f"barrier_schedule: is {self.barrier_schedule}; expected positive numbers, at least one"
-            )
-
-
-class Accuracy(NamedTuple):
-    """Where an iteration ends."""
-
-    barrier: Scalar | float
-    """Complementarity product."""
-    tolerance: Scalar | float
-    """Largest entry of the scaled KKT residual."""
-
-
-def accuracy_of(options: SolverOptions, barrier: Scalar | None) -> Accuracy:
-    """The solution, or (`barrier` given) the smooth approximation of that product.
-
-    An approximation is met no more closely than it deserves.
-    """
-    if barrier is None:
-        return Accuracy(options.barrier, options.tolerance)
-    return Accuracy(barrier, jnp.maximum(options.tolerance, 1e-3 * barrier))
-
-
-class Loop(NamedTuple):
-    """State of the iteration."""
-
-    point: Iterate
-    evaluation: Evaluation
-    iteration: Int[Array, ""]
-    finite: Bool[Array, ""]
-    convexity: Float[Array, ""]
-
-
-RUNAWAY_MULTIPLIER = 1e10
-"""Multiplier of an unmet constraint at which the method gives up, before numbers overflow."""
-
-
-LOCAL_TRIAL = 3
-"""Local steps after which the residual must not be above that of their start. Of 543 warm solves of
-crossings, junctions and drives 214 were above it then, and 5 of these still arrived within ten
-steps; of the 329 others 226 did."""
-
-
-def astray(
-    local: Bool[Array, ""] | None,
-    iteration: Int[Array, ""],
-    error: Scalar,
-    begun: Scalar,
-) -> Bool[Array, ""]:
-    """Whether local steps lead away from where they began, at a residual of `begun`."""
-    if local is None:
-        return jnp.zeros((), bool)
-    return local & (iteration >= LOCAL_TRIAL) & (error > begun)
-
-
-def converged(ev: Evaluation, accuracy: Accuracy) -> Bool[Array, ""]:
-    """Whether the perturbed KKT conditions hold, complementarity to a hundredth of the barrier.
-
-    So narrow a path makes the solution a function of the parameters alone, start or no start.
-    """
-    return (ev.error <= accuracy.tolerance) & (ev.complementarity <= 0.01 * accuracy.barrier)
 
 
 def step_lengths(
@@ -160,7 +53,7 @@ def advance(point: Iterate, step: Iterate, primal: Scalar, dual: Scalar) -> Iter
     return Iterate(*(p + a * s for p, a, s in zip(point, lengths, step, strict=True)))
 
 
-def driven(
+def rolled_out(
     layout: Layout,
     ev: Evaluation,
     factor: Factor,
@@ -169,9 +62,9 @@ def driven(
     step: Iterate,
     length: Scalar,
 ) -> Iterate:
-    """The next point with states and controls from driving the step, where dynamics are nonlinear.
+    """Return the next point with states and controls of the closed-loop rollout of the step.
 
-    Where that overflows, the straight step's.
+    Where dynamics are linear, or the rollout overflows: those of the straight step.
     """
     if layout.linear:
         return ahead
@@ -193,26 +86,31 @@ def newton_step(
     point: Iterate,
     ev: Evaluation,
     end: Scalar | float,
-    local: Bool[Array, ""] | None,
-    convexity: Scalar,
+    semismooth: Bool[Array, ""] | None,
+    weight: Scalar,
 ) -> tuple[Iterate, Scalar]:
-    """The next point on the way to products of `end`, and the part of the step that was taken.
+    """Return the next point, and the part of the step that was taken.
 
-    Mehrotra's predictor, then its corrector; or one full local step.
-
-    `local` None: there are no local steps in this program.
+    Args:
+        layout: the game's layout.
+        pairs: its complementarity pairs.
+        point: the present point.
+        ev: residual and linearisation there.
+        end: complementarity product of the solution.
+        semismooth: whether the step is a full semismooth one; None: the program has none.
+        weight: convexification weight.
     """
 
     def on_path() -> Linear:
         return on_the_path(pairs, point, jnp.zeros(()))
 
-    def beside_path() -> Linear:
+    def off_path() -> Linear:
         return fischer_burmeister(pairs, point, end)
 
-    linear = on_path() if local is None else jax.lax.cond(local, beside_path, on_path)
+    linear = on_path() if semismooth is None else jax.lax.cond(semismooth, off_path, on_path)
     eliminated = eliminate_pairs(layout, pairs, linear)
     condensed = has_condensed_rows(layout)
-    system = stage_system(layout, point, ev, eliminated, convexity, condensed=condensed)
+    system = stage_system(layout, point, ev, eliminated, weight, condensed=condensed)
     factor = factorise(system, layout.equal_sizes)
     first = direction(layout, pairs, ev, factor, eliminated, linear, condensed=condensed)
 
@@ -229,80 +127,15 @@ def newton_step(
         barrier = jnp.maximum(jnp.maximum(sigma * average, wide), end)
         # At the end of the path plain Newton converges quadratically; the correction would not.
         second_order = jnp.where(average > 10.0 * end, 1.0, 0.0)
-        wanted = barrier - second_order * first.slack * first.mult
-        target = on_the_path(pairs, point, wanted)
+        products = barrier - second_order * first.slack * first.mult
+        target = on_the_path(pairs, point, products)
         step = direction(layout, pairs, ev, factor, eliminated, target, condensed=condensed)
         fraction = jnp.maximum(0.99, 1.0 - average)
         primal, dual = step_lengths(pairs, point, step, fraction)
         ahead = advance(point, step, primal, dual)
-        return driven(layout, ev, factor, ahead, point, step, primal), primal
+        return rolled_out(layout, ev, factor, ahead, point, step, primal), primal
 
-    if local is None:
+    if semismooth is None:
         return along_the_path()
     one = jnp.ones(())
-    return jax.lax.cond(local, lambda: (advance(point, first, one, one), one), along_the_path)
-
-
-def is_finite(point: Iterate, ev: Evaluation) -> Bool[Array, ""]:
-    """Whether nothing overflowed."""
-    return jnp.isfinite(ev.error + ev.complementarity + jnp.sum(point.x) + jnp.sum(point.u))
-
-
-def hopeless(layout: Layout, point: Iterate, ev: Evaluation) -> Bool[Array, ""]:
-    """Multipliers run away while constraints stay unmet: there is no feasible point near."""
-    return (largest_multiplier(layout, point) > RUNAWAY_MULTIPLIER) & (violation(ev) > VIOLATED)
-
-
-def iterate(
-    layout: Layout,
-    parameters: Parameters,
-    start: Iterate,
-    options: SolverOptions,
-    accuracy: Accuracy,
-    exact_below: Scalar | float,
-    limit: Int[Array, ""] | int,
-    local: Bool[Array, ""] | None,
-) -> tuple[Iterate, Evaluation, Int[Array, ""]]:
-    """Run the method from `start`, at most `limit` steps along the path.
-
-    The caller reads success off the evaluation's errors.
-
-    The point is the last finite one; the error is infinite where the next one was not finite.
-    """
-    pairs = pairs_of(layout)
-    limit = jnp.asarray(limit)
-    if local is not None:
-        limit = jnp.where(local, options.local_steps, limit)
-        exact_below = jnp.where(local, jnp.inf, exact_below)
-
-    def body(loop: Loop) -> Loop:
-        before = loop.evaluation
-        # The next linearisation's curvature is chosen by the present error: one evaluation a step.
-        used = used_convexity(loop.convexity, before.error, exact_below)
-        point, taken = newton_step(layout, pairs, loop.point, before, accuracy.barrier, local, used)
-        ev = evaluate(layout, pairs, point, parameters, used, accuracy.barrier)
-        convexity = next_convexity(layout, loop.convexity, before.error, ev.error, taken)
-        finite = is_finite(point, ev)
-        # A step that overflowed is not taken: what is returned says how far the method came.
-        point, ev = jax.tree.map(
-            lambda new, old: jnp.where(finite, new, old),
-            (point, ev),
-            (loop.point, before),
-        )
-        return Loop(point, ev, loop.iteration + 1, finite, convexity)
-
-    def unfinished(loop: Loop) -> Bool[Array, ""]:
-        return (
-            ~converged(loop.evaluation, accuracy)
-            & ~hopeless(layout, loop.point, loop.evaluation)
-            & ~astray(local, loop.iteration, loop.evaluation.error, first.error)
-            & loop.finite
-            & (loop.iteration < limit)
-        )
-
-    convexity = jnp.where(exact_below == jnp.inf, 0.0, 1.0)
-    first = evaluate(layout, pairs, start, parameters, convexity, accuracy.barrier)
-    begin = Loop(start, first, jnp.zeros((), int), is_finite(start, first), convexity)
-    loop = jax.lax.while_loop(unfinished, body, begin)
-    error = jnp.where(loop.finite, loop.evaluation.error, jnp.inf)
-    return loop.point, loop.evaluation._replace(error=error), loop.iteration
+    return jax.lax.cond(semismooth, lambda: (advance(point, first, one, one), one), along_the_path)

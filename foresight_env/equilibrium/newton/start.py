@@ -19,27 +19,22 @@ from foresight_env.equilibrium.conditions.pairs import (
     split,
 )
 from foresight_env.equilibrium.conditions.rollout import rollout
-from foresight_env.equilibrium.newton.interior_point import SolverOptions
-from foresight_env.equilibrium.newton.phases import ATTEMPTS_NEAR, attempt_place
+from foresight_env.equilibrium.newton.schedule import Limits, schedule_place
+from foresight_env.equilibrium.settings import SolverOptions
 from foresight_env.games.types import AnyArray, Scalar
-
-WARM_BARRIER = 1e-2
-"""Complementarity product to which a start from a solution backs off before the path is followed:
-at the solution's own product it is too narrow to follow a change of parameters. Crossings are
-solved in 9.4 steps on average (local ones included), in 11.7 with 1e-4."""
 
 
 class Start(NamedTuple):
     """Where a solve begins."""
 
     point: Iterate
-    near: Bool[AnyArray, ""] | None = None
-    """Whether the point solves a similar game, so that local steps are tried first. None: it does
-    not, and the compiled program has no local steps."""
+    warm: Bool[AnyArray, ""] | None = None
+    """Whether the point solves a similar game, so that the semismooth phase comes first. None: it
+    does not, and the compiled program has no semismooth phase."""
     barrier: Scalar | None = None
     """Complementarity product at which to stop; None: that of `SolverOptions`."""
-    trial: Bool[Array, ""] | None = None
-    """Whether the solve may give up early (`SolverOptions.trial_steps`): a fit only tries a step."""
+    limits: Limits | None = None
+    """Limits of phases and steps; None: those of `SolverOptions`."""
 
 
 def on_central_path(
@@ -80,26 +75,26 @@ def from_controls(
     options: SolverOptions,
     parameters: Parameters,
     u: Float[AnyArray, "T m"],
-    attempt: Int[Array, ""] | int = 1,
+    place: Int[Array, ""] | int = 1,
 ) -> Iterate:
     """The trajectory of these controls, far from all bounds of multipliers."""
     u = jnp.asarray(u)
     x = rollout(layout, parameters.initial_state, u)
-    barrier = jnp.asarray(options.barrier_schedule)[attempt - 1]
+    barrier = jnp.asarray(options.barrier_schedule)[place - 1]
     return on_central_path(layout, parameters, x, u, barrier)
 
 
-def backed_off(layout: Layout, parameters: Parameters, point: Iterate) -> Iterate:
+def backed_off(layout: Layout, parameters: Parameters, point: Iterate, barrier: float) -> Iterate:
     """A solution's trajectory and multipliers, moved off the boundary."""
     pairs = pairs_of(layout)
     penalty = layout.penalties(parameters.theta).astype(point.x.dtype)
-    floor = np.sqrt(WARM_BARRIER)
+    floor = np.sqrt(barrier)
     slack = jnp.where(
         pairs.exists,
-        jnp.maximum(point.slack, WARM_BARRIER / jnp.maximum(point.mult, floor)),
+        jnp.maximum(point.slack, barrier / jnp.maximum(point.mult, floor)),
         1.0,
     )
-    mult = split(layout, jnp.where(pairs.exists, jnp.maximum(point.mult, WARM_BARRIER / slack), 0))
+    mult = split(layout, jnp.where(pairs.exists, jnp.maximum(point.mult, barrier / slack), 0))
     slacks = split(layout, slack)
     row = jnp.where(
         pairs.elastic, jnp.clip(mult.row, 1e-3 * penalty, (1.0 - 1e-3) * penalty), mult.row
@@ -108,7 +103,7 @@ def backed_off(layout: Layout, parameters: Parameters, point: Iterate) -> Iterat
     spare = jnp.where(pairs.elastic, penalty - row, 0.0)
     excess = jnp.where(
         pairs.elastic,
-        jnp.maximum(slacks.excess, WARM_BARRIER / jnp.where(pairs.elastic, spare, 1.0)),
+        jnp.maximum(slacks.excess, barrier / jnp.where(pairs.elastic, spare, 1.0)),
         1.0,
     )
     return Iterate(
@@ -133,42 +128,42 @@ def adapted(layout: Layout, parameters: Parameters, point: Iterate) -> Iterate:
     return point._replace(slack=slack, mult=join(mult._replace(excess=spare, row=row)))
 
 
-def begin_attempt(
+def begin_phase(
     layout: Layout,
     options: SolverOptions,
     parameters: Parameters,
     start: Start,
     number: Int[Array, ""],
 ) -> Iterate:
-    """Where the attempt of that number begins.
+    """Return where the phase with this number begins.
 
-    0: local steps from a similar game's solution; 1: the path from there, or from the start; from 2
-    on: the path from nudged controls, away from any symmetry; of a similar game's solution once,
-    then from nobody's acting.
+    0: a similar game's solution; 1: the path from there, or from the start; from 2 on: the path
+    from perturbed controls, away from any symmetry: those of a similar game's solution for
+    `warm_phases`, then zeros.
     """
 
     def near() -> Iterate:
         return adapted(layout, parameters, start.point)
 
     def first() -> Iterate:
-        solves = start.near
+        solves = start.warm
         if solves is None:
             return start.point
-        backed = backed_off(layout, parameters, start.point)
+        backed = backed_off(layout, parameters, start.point, options.warm_barrier)
         return jax.tree.map(lambda a, b: jnp.where(solves, a, b), backed, start.point)
 
-    def nudged() -> Iterate:
-        # Incommensurable frequencies: no two agents are nudged alike, and runs repeat exactly.
+    def perturbed() -> Iterate:
+        # Incommensurable frequencies: no two agents are perturbed alike, and runs repeat exactly.
         u = start.point.u
-        if start.near is not None:
-            u = jnp.where(start.near & (number > ATTEMPTS_NEAR), 0.0, u)
+        if start.warm is not None:
+            u = jnp.where(start.warm & (number > options.warm_phases), 0.0, u)
         phase = jnp.arange(u.size, dtype=u.dtype).reshape(u.shape)
         shifted = u + 0.5 * (number - 1) * jnp.sin(1.0 + 2.4 * phase)
-        place = attempt_place(number, start.near)
+        place = schedule_place(options, number, start.warm)
         return from_controls(layout, options, parameters, shifted, place)
 
-    choices = (first, nudged) if start.near is None else (near, first, nudged)
-    place = number - (start.near is None)
+    choices = (first, perturbed) if start.warm is None else (near, first, perturbed)
+    place = number - (start.warm is None)
     return jax.lax.switch(jnp.clip(place, 0, len(choices) - 1), choices)
 
 

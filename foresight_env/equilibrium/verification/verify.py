@@ -28,8 +28,8 @@ from foresight_env.equilibrium.conditions.layout import Layout, layout_of
 from foresight_env.equilibrium.conditions.pairs import Parts, join, pairs_of, split
 from foresight_env.equilibrium.conditions.residual import evaluate
 from foresight_env.equilibrium.newton.implicit import Equilibrium, equilibrium
-from foresight_env.equilibrium.newton.interior_point import SolverOptions
 from foresight_env.equilibrium.newton.start import Start, begin
+from foresight_env.equilibrium.settings import SolverOptions
 from foresight_env.equilibrium.solve import Solution
 from foresight_env.equilibrium.status import Status
 from foresight_env.equilibrium.verification.best_response import (

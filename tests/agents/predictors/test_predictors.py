@@ -117,7 +117,7 @@ def test_gammas_are_inferred_or_one():
     assert ((free.gamma >= 0.0) & (free.gamma <= 1.0)).all()
     np.testing.assert_array_equal(fixed.gamma, [1.0, 1.0])
     np.testing.assert_array_equal(fixed.gamma_deviation, [0.0, 0.0])
-    assert fixed.gamma_determined.all()
+    assert fixed.gamma_identifiable.all()
     # Nobody is near, so that the data say nothing and the belief is what is left.
     np.testing.assert_allclose(free.gamma, [0.7, 1.0], atol=0.1)
 

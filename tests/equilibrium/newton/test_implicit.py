@@ -20,7 +20,8 @@ from tests.support.small_games import (
     unequal_sizes,
 )
 
-# All that an equilibrium depends on, as one vector: initial_state (8), goals (4), price, gammas (2).
+# All that an equilibrium depends on, as one vector: initial_state (8), goals (4), price, gammas
+# (2).
 POINT = np.concatenate([CROSSING_STATES.ravel(), CROSSING_GOALS.ravel(), [2.0], CROSSING_GAMMA])
 
 
@@ -67,7 +68,8 @@ def test_forward_and_reverse_derivatives_are_those_of_the_solution(kind):
     np.testing.assert_allclose(np.asarray(reverse), pull @ forward, rtol=1e-7, atol=1e-7)
 
 
-# The same for a bicycle (nonlinear dynamics) that meets a walker: initial_state (6), goals (4), gammas (2).
+# The same for a bicycle (nonlinear dynamics) that meets a walker: initial_state (6), goals (4),
+# gammas (2).
 UNEQUAL = np.concatenate([*UNEQUAL_STATES, *(t["goal"] for t in UNEQUAL_THETA), [0.9, 0.6]])
 
 

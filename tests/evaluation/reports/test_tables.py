@@ -59,10 +59,10 @@ def encounter(name="intersection_03"):
     return Encounter(crossing, window, 2.0)
 
 
-def forecasts(gamma, deviation, determined):
+def forecasts(gamma, deviation, identifiable):
     path = np.full((1, 10, 2, 2), 0.25)
     plain = Forecast(path, np.ones(1))
-    known = [np.array(values) for values in (gamma, deviation, determined)]
+    known = [np.array(values) for values in (gamma, deviation, identifiable)]
     inferred = Forecast(path, np.ones(1), None, *known)
     return [
         Judged(name, inferred if name == "encounter-game" else plain, 0.25, 0.5)

@@ -1,0 +1,158 @@
+"""One phase of the solver as pure functions: `init_phase`, `step_phase`, `phase_ended`.
+
+Every driver iterates these: one game at a time (module `implicit`), or many in lockstep (module
+`batch.slots`).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from foresight_env.equilibrium.conditions.kkt import Iterate, Parameters
+from foresight_env.equilibrium.conditions.layout import Layout
+from foresight_env.equilibrium.conditions.pairs import pairs_of
+from foresight_env.equilibrium.conditions.residual import (
+    VIOLATED,
+    Evaluation,
+    evaluate,
+    largest_multiplier,
+    violation,
+)
+from foresight_env.equilibrium.newton.convexification import next_weight, used_weight
+from foresight_env.equilibrium.newton.interior_point import newton_step
+from foresight_env.equilibrium.newton.schedule import PhaseRules
+from foresight_env.equilibrium.settings import SolverOptions
+from foresight_env.games.types import Scalar
+
+
+class Accuracy(NamedTuple):
+    """Where an iteration ends."""
+
+    barrier: Scalar | float
+    """Complementarity product."""
+    tolerance: Scalar | float
+    """Largest entry of the scaled KKT residual."""
+
+
+def accuracy_of(options: SolverOptions, barrier: Scalar | None) -> Accuracy:
+    """Return the accuracy of the solution or, with a `barrier`, of a smoothed approximation."""
+    if barrier is None:
+        return Accuracy(options.barrier, options.tolerance)
+    return Accuracy(barrier, jnp.maximum(options.tolerance, 1e-3 * barrier))
+
+
+class PhaseState(NamedTuple):
+    """State of the iteration."""
+
+    point: Iterate
+    """The last point at which everything was finite."""
+    evaluation: Evaluation
+    """Residual and linearisation there."""
+    first_error: Scalar
+    """Residual where the phase began."""
+    iteration: Int[Array, ""]
+    finite: Bool[Array, ""]
+    """False once a step overflowed, which ends the phase."""
+    weight: Float[Array, ""]
+    """Convexification weight."""
+
+    @property
+    def error(self) -> Scalar:
+        """Largest entry of the scaled KKT residual; infinite where the last step overflowed."""
+        return jnp.where(self.finite, self.evaluation.error, jnp.inf)
+
+
+def converged(ev: Evaluation, accuracy: Accuracy) -> Bool[Array, ""]:
+    """Return whether the perturbed KKT conditions hold, complementarity to 1 % of the barrier.
+
+    So narrow a path makes the solution a function of the parameters alone, whatever the start.
+    """
+    return (ev.error <= accuracy.tolerance) & (ev.complementarity <= 0.01 * accuracy.barrier)
+
+
+def succeeded(state: PhaseState, accuracy: Accuracy) -> Bool[Array, ""]:
+    """Return whether the phase has found a solution."""
+    return converged(state.evaluation._replace(error=state.error), accuracy)
+
+
+def init_phase(
+    layout: Layout,
+    parameters: Parameters,
+    start: Iterate,
+    rules: PhaseRules,
+    accuracy: Accuracy,
+) -> PhaseState:
+    """Return the state at the beginning of a phase."""
+    weight = jnp.where(rules.exact_below == jnp.inf, 0.0, 1.0)
+    first = evaluate(layout, pairs_of(layout), start, parameters, weight, accuracy.barrier)
+    zero = jnp.zeros((), int)
+    return PhaseState(start, first, first.error, zero, _is_finite(start, first), weight)
+
+
+def step_phase(
+    layout: Layout,
+    options: SolverOptions,
+    parameters: Parameters,
+    state: PhaseState,
+    rules: PhaseRules,
+    accuracy: Accuracy,
+) -> PhaseState:
+    """Return the state after one Newton step."""
+    pairs, before = pairs_of(layout), state.evaluation
+    # The next linearisation's curvature is chosen by the present error: one evaluation a step.
+    schedule = options.convexification
+    used = used_weight(schedule, state.weight, before.error, rules.exact_below)
+    point, taken = newton_step(
+        layout, pairs, state.point, before, accuracy.barrier, rules.semismooth, used
+    )
+    ev = evaluate(layout, pairs, point, parameters, used, accuracy.barrier)
+    weight = next_weight(schedule, layout, state.weight, before.error, ev.error, taken)
+    finite = _is_finite(point, ev)
+    # A step that overflowed is not taken: the result shows how far the method came.
+    point, ev = jax.tree.map(
+        lambda new, old: jnp.where(finite, new, old),
+        (point, ev),
+        (state.point, before),
+    )
+    return PhaseState(point, ev, state.first_error, state.iteration + 1, finite, weight)
+
+
+def phase_ended(
+    layout: Layout,
+    options: SolverOptions,
+    state: PhaseState,
+    rules: PhaseRules,
+    accuracy: Accuracy,
+) -> Bool[Array, ""]:
+    """Return whether the phase has converged, failed or used up its steps."""
+    return (
+        converged(state.evaluation, accuracy)
+        | _runs_away(layout, options, state.point, state.evaluation)
+        | _moves_away(options, state, rules)
+        | ~state.finite
+        | (state.iteration >= rules.steps)
+    )
+
+
+def _moves_away(options: SolverOptions, state: PhaseState, rules: PhaseRules) -> Bool[Array, ""]:
+    """Whether semismooth steps have raised the residual."""
+    if rules.semismooth is None:
+        return jnp.zeros((), bool)
+    tried = state.iteration >= options.semismooth_trial
+    return rules.semismooth & tried & (state.evaluation.error > state.first_error)
+
+
+def _runs_away(
+    layout: Layout, options: SolverOptions, point: Iterate, ev: Evaluation
+) -> Bool[Array, ""]:
+    """Whether multipliers grow without bound while constraints stay violated."""
+    large = largest_multiplier(layout, point) > options.runaway_multiplier
+    return large & (violation(ev) > VIOLATED)
+
+
+def _is_finite(point: Iterate, ev: Evaluation) -> Bool[Array, ""]:
+    return jnp.isfinite(ev.error + ev.complementarity + jnp.sum(point.x) + jnp.sum(point.u))

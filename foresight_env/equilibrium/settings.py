@@ -1,0 +1,158 @@
+"""Settings of the forward solver, and the budget of computation that a caller grants."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+UNLIMITED = 1_000_000
+"""Newton steps or phases that no solve reaches."""
+
+
+@dataclass(frozen=True)
+class Convexification:
+    """Schedule of the convexification weight: how much non-convex curvature Newton steps leave out.
+
+    Far from a solution all of it is left out, near one none. Every full step that reduces the
+    residual lowers the weight, every bad step raises it (Levenberg and Marquardt's rule; Nocedal
+    and Wright, section 10.3). `benchmarks.stress` measures success rates and steps.
+    """
+
+    fall: float = 0.8
+    """Factor of the weight after a good step."""
+    rise: float = 20.0
+    """Factor of the weight after a bad step."""
+    full: float = 0.95
+    """Part of a step, up to the first bound, above which it counts as full."""
+    cut: float = 0.5
+    """Part of a step below which it is bad."""
+    thrown_back: float = 2.0
+    """Factor of the residual above which a step is bad."""
+    exact: float = 1e-3
+    """Weight below which curvature is used exactly."""
+
+
+@dataclass(frozen=True)
+class SolverOptions:
+    """Settings of the forward solver; `benchmarks.stress` and `benchmarks.forward` derive them.
+
+    A solve runs phases until one succeeds: from a similar game's solution a *semismooth Newton
+    phase* and `warm_phases` *interior-point phases*, then the interior-point phases of
+    `barrier_schedule`. `Budget` limits how many.
+    """
+
+    tolerance: float = 1e-8
+    """Largest entry of the scaled KKT residual at which a game counts as solved."""
+    barrier: float = 1e-9
+    """Complementarity product at the solution: the solution is a smooth function of parameters."""
+    barrier_schedule: tuple[float, ...] = (0.1, 1.0, 100.0, 10.0)
+    """Complementarity product at the start of each interior-point phase. The first phase begins at
+    the start itself, later ones at perturbed controls and with exact curvature used earlier. A
+    small product stays near the equilibrium that it begins at; costs in the hundreds need a large
+    one."""
+    linear_steps: int = 80
+    """Newton steps per interior-point phase where all dynamics are linear."""
+    nonlinear_steps: int = 200
+    """Newton steps per interior-point phase where some dynamics are nonlinear."""
+    exact_below: float = 1e-2
+    """Residual below which all curvature is used exactly."""
+    semismooth_steps: int = 10
+    """Steps of the semismooth Newton phase from a similar game's solution."""
+    semismooth_trial: int = 3
+    """Semismooth steps after which the residual must not be above that of their start. Of 543 warm
+    solves 214 were above it then, and 5 of these converged within ten steps; of the 329 others 226
+    did (`benchmarks.online`)."""
+    warm_phases: int = 2
+    """Interior-point phases from a similar game's solution, the second from its perturbed controls,
+    before it is discarded. With three, two walkers who face each other fail more often; with one
+    they come to wait for each other (`benchmarks.online`)."""
+    warm_steps: int = 45
+    """Newton steps of the first of these: of 319 such phases 298 converged within 45 steps and 13
+    more within 200 (`benchmarks.online`)."""
+    warm_barrier: float = 1e-2
+    """Complementarity product that a solution is moved to before these phases: 9.4 steps on average
+    at crossings, 11.7 with 1e-4 (`benchmarks.online`)."""
+    warm_exactness: float = 10.0
+    """Factor of `exact_below` in the first of these phases: curvature there is that of a
+    solution."""
+    runaway_multiplier: float = 1e10
+    """Multiplier of a violated constraint at which a phase ends, before numbers overflow."""
+    convexification: Convexification = Convexification()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "barrier_schedule", tuple(self.barrier_schedule))
+        if not self.barrier_schedule or not all(b > 0.0 for b in self.barrier_schedule):
+            raise ValueError(
+                f"barrier_schedule: is {self.barrier_schedule}; expected positive numbers, at "
+                "least one"
+            )
+        for name in ("tolerance", "barrier", "warm_barrier"):
+            if not getattr(self, name) > 0.0:
+                raise ValueError(f"{name}: is {getattr(self, name)}; expected more than 0")
+        for name in ("linear_steps", "nonlinear_steps", "semismooth_steps", "warm_steps"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"{name}: is {getattr(self, name)}; expected at least 1")
+
+
+@dataclass(frozen=True)
+class Budget:
+    """Limit of the computation of a solve, a fit or an estimator's update.
+
+    One setting for `solve`, `estimate`, `MovingHorizonEstimator` and the egos. Presets:
+    `Budget.offline()`, `Budget.online()`, `Budget.realtime()` and `Budget.trial()`.
+    """
+
+    phases: int | None = None
+    """Most interior-point phases of a solve, after the semismooth one from a solution; None: the
+    whole schedule."""
+    newton_steps: int | None = None
+    """Most Newton steps of an interior-point phase; None: as `SolverOptions` has them."""
+    trial_newton_steps: int = 25
+    """Newton steps of the single phase that a trial step of a fit gets: a step to parameters whose
+    game is not solved soon is refused."""
+    gauss_newton_steps: int | None = None
+    """Most Gauss-Newton steps of a fit that continues from the last one; None: as many as the
+    method has. With 0 an update solves one game, where a step on the last fit's derivatives
+    leads."""
+    fits: int = 3
+    """Most fits of an estimator's update: from the last one, from the observations, and from the
+    last one again where the observations led nowhere better."""
+
+    def __post_init__(self) -> None:
+        least = {"phases": 1, "newton_steps": 1, "trial_newton_steps": 1, "fits": 1}
+        for name, low in (*least.items(), ("gauss_newton_steps", 0)):
+            value = getattr(self, name)
+            if value is not None and value < low:
+                raise ValueError(f"budget.{name}: is {value}; expected at least {low}")
+
+    @classmethod
+    def offline(cls) -> Budget:
+        """Limits of the solver and the method alone: the default of `solve` and `estimate`."""
+        return cls()
+
+    @classmethod
+    def online(cls) -> Budget:
+        """An estimator's default: fits continue from the last one by three steps.
+
+        They need not converge, since the next update continues them (Diehl, Bock and Schloder, "A
+        real-time iteration scheme for nonlinear optimization in optimal feedback control", SIAM J.
+        Control Optim. 43, 2005).
+        """
+        return cls(gauss_newton_steps=3)
+
+    @classmethod
+    def realtime(cls) -> Budget:
+        """One game of one phase per update.
+
+        Of 434 left turns' updates 8 failed with 40 Newton steps, 36 with 25 (`benchmarks.online`).
+        """
+        return cls(phases=1, newton_steps=40, trial_newton_steps=40, gauss_newton_steps=0, fits=1)
+
+    @classmethod
+    def trial(cls) -> Budget:
+        """One short phase: for solves whose result is useless when it comes late."""
+        return cls(phases=1, newton_steps=25)
+
+    @property
+    def single_game(self) -> bool:
+        """Whether an estimator's update solves a single game."""
+        return self.gauss_newton_steps == 0
