@@ -44,9 +44,10 @@ $(RL_INSTALLED): $(INSTALLED)
 test-rl: $(RL_INSTALLED) ## Run the tests of what needs PyTorch (installs it: some GB)
 	$(BIN)/python -m pytest -m rl $(ARGS)
 
-lint: $(INSTALLED) ## Check formatting, style and types
+lint: $(INSTALLED) ## Check formatting, style, types and imports between rooms
 	$(BIN)/ruff format --check $(SOURCES)
 	$(BIN)/ruff check $(SOURCES)
+	$(BIN)/lint-imports --no-logo
 	$(BIN)/mypy
 
 format: $(INSTALLED) ## Format the code and sort its imports

@@ -16,6 +16,7 @@ from jaxtyping import Array, Float
 from foresight_env.envs.core.scene import Scene
 from foresight_env.games import Dynamics, ObservationModel, Vehicle
 from foresight_env.games.motion import moving_state
+from foresight_env.inverse.kalman import kalman_update
 from foresight_env.precision import in_double_precision
 
 LEAST_VARIANCE = 1e-6
@@ -77,14 +78,16 @@ def follow_own_state(
     mean, rates = _moved(player.dynamics, own.mean, own.action)
     covariance = rates @ own.covariance @ rates.T + PROCESS * variance * np.eye(len(mean))
     there = np.flatnonzero(~np.isnan(seen))
-    gain = covariance[:, there] @ np.linalg.inv(
-        covariance[np.ix_(there, there)] + variance * np.eye(len(there))
+    mean, covariance = kalman_update(
+        mean,
+        covariance,
+        np.eye(len(mean))[there],
+        seen[there] - mean[there],
+        variance * np.eye(len(there)),
     )
-    mean = mean + gain @ (seen[there] - mean[there])
     if player.state_bounds is not None:
         mean = np.clip(mean, player.state_bounds.lower[0], player.state_bounds.upper[0])
-    covariance = covariance - gain @ covariance[there]
-    return OwnState(mean, 0.5 * (covariance + covariance.T))
+    return OwnState(mean, covariance)
 
 
 def _begin(

@@ -17,8 +17,9 @@ from agents.predictors.encounter_fit import (
 from agents.predictors.kinematic import ConstantVelocityPredictor
 from foresight_env.equilibrium import Status
 from foresight_env.games import full_state
+from foresight_env.games.kinds import is_vehicle
 from foresight_env.inverse import Estimate, Free, MultiStart, Prior, estimate, guess_initial_state
-from foresight_env.scenarios.encounter import encounter_game, is_vehicle, player_theta
+from foresight_env.scenarios.encounter import encounter_game, player_theta
 
 IMPLAUSIBLE = 30.0
 """Squared deviations per observed number beyond which a fit explains nothing: good ones leave about

@@ -10,8 +10,9 @@ from jaxtyping import Float
 from agents.interfaces.predictor import History
 from agents.predictors.kinematic import turn_rate
 from foresight_env.games.arc import arc
+from foresight_env.games.kinds import is_vehicle
 from foresight_env.games.motion import driving_states
-from foresight_env.scenarios.encounter import CURVATURE_LIMIT, is_vehicle
+from foresight_env.scenarios.encounter import CURVATURE_LIMIT
 
 LEAST_SPEED = 0.5
 """A slower vehicle's curvature is its turn rate over this speed, m/s."""

@@ -13,6 +13,7 @@ from jaxtyping import Float
 
 from agents.interfaces.predictor import Forecast, History
 from foresight_env.games.kinds import is_vehicle
+from foresight_env.inverse.kalman import kalman_update
 
 
 @dataclass(frozen=True)
@@ -53,9 +54,8 @@ class KalmanPredictor:
             mean = motion @ mean
             covariance = motion @ covariance @ motion.T + process
             if k in rows:
-                weight = np.linalg.solve(covariance + noise, covariance).T
-                mean = mean + weight @ (history.states[k, agent] - mean)
-                covariance = covariance - weight @ covariance
+                seen = history.states[k, agent] - mean
+                mean, covariance = kalman_update(mean, covariance, np.eye(4), seen, noise)
             elif k >= len(history.states):
                 places.append(mean[:2])
                 spread.append(0.5 * (covariance + covariance.T)[:2, :2])

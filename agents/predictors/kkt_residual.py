@@ -29,11 +29,11 @@ from agents.predictors.encounter_fit import (
 from agents.predictors.kinematic import ConstantVelocityPredictor
 from foresight_env.equilibrium import Status, solve
 from foresight_env.games import stage_cost
+from foresight_env.games.kinds import is_vehicle
 from foresight_env.precision import in_double_precision
 from foresight_env.scenarios.encounter import (
     CURVATURE_LIMIT,
     encounter_game,
-    is_vehicle,
     player_theta,
 )
 

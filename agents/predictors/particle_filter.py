@@ -25,10 +25,10 @@ from agents.predictors.encounter_fit import (
 )
 from agents.predictors.kinematic import ConstantVelocityPredictor
 from foresight_env.equilibrium import Solution, Status, solve_many
+from foresight_env.games.kinds import is_vehicle
 from foresight_env.scenarios.encounter import (
     CURVATURE_LIMIT,
     encounter_game,
-    is_vehicle,
     player_theta,
 )
 

@@ -92,7 +92,7 @@ class Store:
         while True:
             path = self.folder / f"part-{number:06d}.parquet"
             try:
-                write_atomically(path, sink.getvalue().to_pybytes(), new=True)
+                write_atomically(path, sink.getvalue().to_pybytes(), overwrite=False)
             except FileExistsError:  # another process writes into this folder, too
                 number += 1
             except OSError as error:

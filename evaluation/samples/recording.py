@@ -13,7 +13,8 @@ from jaxtyping import Float, Int
 
 from foresight_env.datasets import Recording, Track, write_dut
 from foresight_env.equilibrium import solve
-from foresight_env.scenarios.encounter import encounter_game, is_vehicle, player_theta
+from foresight_env.games.kinds import is_vehicle
+from foresight_env.scenarios.encounter import encounter_game, player_theta
 
 RATE = 23.98
 """Frames per second, as in DUT."""

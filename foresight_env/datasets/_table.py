@@ -1,4 +1,4 @@
-"""Strict, fast reading of text tables, and writing them atomically.
+"""Strict, fast reading of text tables, and writing them.
 
 A table is read by a compiled reader that stops at anything unexpected. Only then is the file read
 a second time, slowly, to say in which line the trouble is: so a correct file of 100 MB loads in
@@ -7,7 +7,6 @@ seconds and a faulty one is still reported by line.
 
 import os
 import re
-import secrets
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import BinaryIO, Literal, NoReturn
@@ -242,39 +241,6 @@ def _check_fields(
         if not _PATTERNS[kind].fullmatch(value.strip()) or "\N{REPLACEMENT CHARACTER}" in value:
             shown = value if len(value) <= 40 else value[:40] + "..."
             raise RecordingError(path, number, f"{name} is {shown!r}; it must be {_MEANINGS[kind]}")
-
-
-def write_files(contents: Mapping[Path, Callable[[BinaryIO], None]], *, overwrite: bool) -> None:
-    """Write files so that each appears whole or not at all.
-
-    All contents are written beside their targets first and moved into place only when the last is
-    on disk; each move is atomic (`os.replace`).
-
-    Args:
-        contents: target -> function that writes the content to an open binary file.
-        overwrite: whether existing targets may be replaced.
-
-    Raises:
-        FileExistsError: a target exists and `overwrite` is False.
-    """
-    existing = [os.fspath(path) for path in contents if path.exists()]
-    if existing and not overwrite:
-        raise FileExistsError(f"{', '.join(existing)} exists; pass overwrite=True to replace it")
-    prepared: dict[Path, Path] = {}
-    try:
-        for path, write in contents.items():
-            # Not `tempfile`, whose files only their owner may read.
-            part = path.with_name(f".{path.name}.{secrets.token_hex(8)}.part")
-            with part.open("xb") as stream:
-                prepared[part] = path
-                write(stream)
-                stream.flush()
-                os.fsync(stream.fileno())
-        for part, path in prepared.items():
-            os.replace(part, path)
-    finally:
-        for part in prepared:
-            part.unlink(missing_ok=True)
 
 
 def csv_content(columns: Mapping[str, np.ndarray]) -> Callable[[BinaryIO], None]:

@@ -24,11 +24,11 @@ from foresight_env.datasets._table import (
     read_csv,
     require,
     sorted_groups,
-    write_files,
 )
 from foresight_env.datasets.errors import RecordingError
 from foresight_env.datasets.recording import Recording
 from foresight_env.datasets.track import Track
+from foresight_env.files import write_files
 
 __all__ = ["find_ind_recordings", "read_ind", "write_ind"]
 

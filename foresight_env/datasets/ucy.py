@@ -13,9 +13,10 @@ from typing import BinaryIO
 
 import numpy as np
 
-from foresight_env.datasets._table import read_numbers, require, sorted_groups, write_files
+from foresight_env.datasets._table import read_numbers, require, sorted_groups
 from foresight_env.datasets.recording import Recording
 from foresight_env.datasets.track import Track
+from foresight_env.files import write_files
 
 __all__ = ["UCY_RATE", "read_ucy", "write_ucy"]
 

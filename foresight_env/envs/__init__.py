@@ -12,7 +12,8 @@ from __future__ import annotations
 from importlib import import_module
 from types import ModuleType
 
-from foresight_env.envs.registration import SCENARIOS, register
+from foresight_env.envs.registration import register
+from foresight_env.names import SCENARIOS
 
 __all__ = ["crosswalk_v0", "driving_v0", "intersection_v0", "register"]
 

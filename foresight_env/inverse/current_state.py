@@ -10,6 +10,7 @@ from jaxtyping import Array, Float
 
 from foresight_env.equilibrium.conditions.layout import Layout
 from foresight_env.games.observations import ObservationModel
+from foresight_env.inverse.kalman import kalman_update
 
 
 @partial(jax.jit, static_argnums=(0, 1))
@@ -40,6 +41,6 @@ def corrected(
     seen = ~np.isnan(observation)
     with jax.enable_x64(True):
         expected, rates = (np.asarray(v)[seen] for v in _expected(layout, model, state))
-    spread = rates @ excess @ rates.T + variance * np.eye(len(rates))
-    state = state + excess @ rates.T @ np.linalg.solve(spread, observation[seen] - expected)
+    noise = variance * np.eye(len(rates))
+    state, _ = kalman_update(state, excess, rates, observation[seen] - expected, noise)
     return tuple(state[s] for s in layout.state_slices)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Literal, NamedTuple
+from dataclasses import dataclass
+from typing import Literal
 
 ParameterKind = Literal["theta", "gamma", "initial_state"]
 
 
-class Parameter(NamedTuple):
+@dataclass(frozen=True)
+class Parameter:
     """One entry of an estimate's parameter vector; `str` gives a name such as `goal[0] of 1`."""
 
     player: int

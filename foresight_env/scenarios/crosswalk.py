@@ -26,6 +26,7 @@ from foresight_env.games.game import Game, Player
 from foresight_env.games.permutation import PermutationInvariant
 from foresight_env.games.types import Controls, Scalar, StageNumber, States, Theta
 from foresight_env.scenarios.episode_parameters import EpisodeParameters
+from foresight_env.scenarios.ranges import check_ranges
 
 DT = 0.1
 HORIZON = 25
@@ -169,6 +170,11 @@ def nominal_setting(players: int) -> Setting:
     return Setting(states, 2.0 - start, np.full(players, 0.9))
 
 
+LARGEST_SHIFTS = {"start": 0.35, "goal": 10.0}
+"""Of `Ranges`, m: agents around the circle are not drawn on top of each other, and goals lie inside
+the observation space."""
+
+
 class Ranges(NamedTuple):
     """From which ranges an episode's hidden parameters are drawn, uniformly."""
 
@@ -179,6 +185,10 @@ class Ranges(NamedTuple):
     """Largest shift of each goal coordinate, m."""
     control_weight: tuple[float, float] = (CONTROL_WEIGHT, CONTROL_WEIGHT)
     collision_weight: tuple[float, float] = (COLLISION_WEIGHT, COLLISION_WEIGHT)
+
+    def check(self) -> None:
+        """Raise `ValueError` where a draw might be no legal episode."""
+        check_ranges(self, ("gamma", "control_weight", "collision_weight"), LARGEST_SHIFTS)
 
 
 def draw_crossing(

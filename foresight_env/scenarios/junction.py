@@ -28,6 +28,7 @@ from foresight_env.scenarios.intersection import (
     intersection_game,
     player_theta,
 )
+from foresight_env.scenarios.ranges import check_ranges
 
 MOST = 4
 """Of pedestrians and of cars."""
@@ -54,6 +55,7 @@ _SOUTH = Lane.fit(np.array([(-14.4, 30.0), (-6.5, 95.4)]), 1)
 LANES = (AACHEN_TURNING, AACHEN_FOLLOWING, _SOUTH, _WEST)
 """Of the cars in their order: into the western arm, straight on from the north, from the south, and
 from the west."""
+
 _PEDESTRIANS = np.concatenate(
     [AACHEN.initial_state[:2], [(-17.5, 75.0, -0.3, -1.3), (-20.5, 56.5, 0.2, 1.3)]]
 )
@@ -80,6 +82,10 @@ def junction_game(pedestrians: int = 2, cars: int = 2, horizon: int = HORIZON) -
     return intersection_game(kinds, lanes, JUNCTION_REGION, horizon, DT, WHEELBASE, PENALTY)
 
 
+LARGEST_SHIFTS = {"along": 3.0, "place": 1.0, "speed": 4.0, "goal": 10.0}
+"""Of `JunctionRanges`, m and m/s: agents are not drawn on top of each other or off the road."""
+
+
 class JunctionRanges(NamedTuple):
     """From which ranges an episode's hidden parameters are drawn, uniformly."""
 
@@ -93,6 +99,10 @@ class JunctionRanges(NamedTuple):
     goal: float = 0.5
     """Largest shift of each goal coordinate, m."""
     collision_weight: tuple[float, float] = (COLLISION_WEIGHT, COLLISION_WEIGHT)
+
+    def check(self) -> None:
+        """Raise `ValueError` where a draw might be no legal episode."""
+        check_ranges(self, ("gamma", "collision_weight"), LARGEST_SHIFTS)
 
 
 def draw_junction(

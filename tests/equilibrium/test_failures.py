@@ -8,12 +8,20 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from foresight_env.equilibrium import SolveError, SolverOptions, Status, shift, solve, solve_many
+from foresight_env.equilibrium import (
+    Budget,
+    SolveError,
+    SolverOptions,
+    Status,
+    shift,
+    solve,
+    solve_many,
+)
 from foresight_env.equilibrium.checks.validation import check_parameters
 from foresight_env.equilibrium.conditions.layout import layout_of
 from foresight_env.equilibrium.conditions.pairs import pairs_of
-from foresight_env.equilibrium.newton.schedule import attempt_count, attempt_rules
-from foresight_env.equilibrium.newton.start import begin, begin_attempt
+from foresight_env.equilibrium.newton.schedule import phase_count, phase_rules
+from foresight_env.equilibrium.newton.start import begin, begin_phase
 from foresight_env.games import (
     Bounds,
     DoubleIntegrator,
@@ -272,7 +280,7 @@ def test_unused_penalties_do_not_make_a_game_infeasible():
     player = Player(
         DoubleIntegrator(0.2), (Goal(), Effort(0.1)), inequalities=(Inequality(roomy, 1, 1e4),)
     )
-    few = SolverOptions(max_iterations=2, barrier_schedule=(1.0,))
+    few = SolverOptions(linear_steps=2, barrier_schedule=(1.0,))
     theta = ({"goal": np.array([2.0, 0.0])},)
     found = solve(Game((player,), 4), np.zeros((1, 4)), theta, 0.9, options=few)
     assert found.status == Status.ITERATION_LIMIT
@@ -284,7 +292,7 @@ def test_start_barriers_are_checked(products):
         SolverOptions(barrier_schedule=products)
 
 
-def test_each_attempt_begins_with_its_own_product():
+def test_each_phase_begins_with_its_own_product():
     game, theta = last_stage_capped(), ({"goal": np.array([2.0, 0.0])},)
     options = SolverOptions(barrier_schedule=(1.0, 50.0, 0.2))
     layout = layout_of(game)
@@ -293,13 +301,13 @@ def test_each_attempt_begins_with_its_own_product():
         exists = pairs_of(layout).exists
         for number, product in enumerate(options.barrier_schedule, 1):
             start = begin(layout, options, parameters, None)
-            point = begin_attempt(layout, options, parameters, start, jnp.asarray(number))
+            point = begin_phase(layout, options, parameters, start, jnp.asarray(number))
             products = np.asarray(point.slack * point.mult)[np.asarray(exists)]
             np.testing.assert_allclose(products, product)
 
 
-def test_after_a_solution_that_leads_nowhere_attempts_begin_without_it():
-    """The first two are the solution's own; later ones begin at nobody's acting, nudged."""
+def test_a_discarded_solution_is_not_used_again():
+    """The first two are the solution's own; later ones begin at perturbed zeros."""
     game, theta = last_stage_capped(), ({"goal": np.array([2.0, 0.0])},)
     options = SolverOptions(barrier_schedule=(1.0, 50.0, 0.2))
     layout, found = layout_of(game), solve(game, np.zeros((1, 4)), theta, 0.9)
@@ -308,23 +316,22 @@ def test_after_a_solution_that_leads_nowhere_attempts_begin_without_it():
         exists = np.asarray(pairs_of(layout).exists)
         point = jax.tree.map(jnp.asarray, found.point)
         warm, cold = (begin(layout, options, parameters, s) for s in (point, None))
-        wanted = {2: (50.0, point.u), 3: (1.0, 0.0), 4: (50.0, 0.0), 5: (0.2, 0.0)}
-        assert attempt_count(options, warm.near) == max(wanted)
-        for number, (product, controls) in wanted.items():
-            start = begin_attempt(layout, options, parameters, warm, jnp.asarray(number))
+        expected = {2: (50.0, point.u), 3: (1.0, 0.0), 4: (50.0, 0.0), 5: (0.2, 0.0)}
+        assert phase_count(options, warm.warm, None) == max(expected)
+        for number, (product, controls) in expected.items():
+            start = begin_phase(layout, options, parameters, warm, jnp.asarray(number))
             np.testing.assert_allclose(np.asarray(start.slack * start.mult)[exists], product)
             assert 0.0 < np.abs(start.u - controls).max() <= 0.5 * (number - 1)
         for after, fresh in ((3, 1), (4, 2), (5, 3)):
             rules = (
-                attempt_rules(layout, options, jnp.asarray(number), start.near)
+                phase_rules(layout, options, jnp.asarray(number), start.warm, None)[:2]
                 for number, start in ((after, warm), (fresh, cold))
             )
             assert [float(v) for v in next(rules)] == [float(v) for v in next(rules)]
 
 
 def stubborn_crossing():
-    """Whose path from the last plan reaches no equilibrium, nor do nudges of it; elsewhere there is
-    one. Game, its arguments, and the plan."""
+    """A game that is not solved from the last plan, and its arguments and that plan."""
     game, setting = crosswalk_game(2, 25), nominal_setting(2)
     places = np.array([[1.86737916, 1.84715993], [-0.01921973, 2.02985794]])
     states, initial_guess = list(np.pad(places, ((0, 0), (0, 2)))), None
@@ -339,39 +346,50 @@ def test_a_solution_that_leads_nowhere_does_not_cost_a_game_that_can_be_solved()
     game, arguments, initial_guess = stubborn_crossing()
     found = solve(game, *arguments, initial_guess=initial_guess)
     assert found.status == Status.SOLVED
-    assert found.iterations > SolverOptions().resumed_steps
+    assert found.iterations > SolverOptions().warm_steps
 
 
-def test_a_hurried_solve_gives_up_soon_and_says_so():
+def test_a_limited_solve_ends_soon_with_a_status():
     game, arguments, initial_guess = stubborn_crossing()
-    brief = SolverOptions(trial_steps=8)
-    most = brief.local_steps + brief.trial_steps
-    found = solve(game, *arguments, initial_guess=initial_guess, options=brief, hurried=True)
+    budget = Budget(phases=1, newton_steps=8)
+    most = SolverOptions().semismooth_steps + budget.newton_steps
+    found = solve(game, *arguments, initial_guess=initial_guess, budget=budget)
     assert found.status == Status.ITERATION_LIMIT
-    assert brief.trial_steps <= found.iterations <= most
-    traced = jax.jit(
-        lambda *a: solve(game, *a, initial_guess=initial_guess, options=brief, hurried=True)
-    )
+    assert budget.newton_steps <= found.iterations <= most
+    traced = jax.jit(lambda *a: solve(game, *a, initial_guess=initial_guess, budget=budget))
     again = traced(*arguments)
     assert again.status == Status.ITERATION_LIMIT
     assert again.iterations == found.iterations
-    cold = solve(game, *arguments, options=brief, hurried=True)
+    cold = solve(game, *arguments, budget=budget)
     assert cold.status == Status.ITERATION_LIMIT
-    assert cold.iterations == brief.trial_steps
+    assert cold.iterations == budget.newton_steps
     with pytest.raises(SolveError):
-        solve(
-            game, *arguments, initial_guess=initial_guess, options=brief, hurried=True, throw=True
-        )
+        solve(game, *arguments, initial_guess=initial_guess, budget=budget, throw=True)
 
 
-def test_a_hurried_solve_that_is_quick_is_the_same():
+def test_a_limited_solve_that_is_quick_is_the_same():
     setting = nominal_setting(2)
     game, arguments = crosswalk_game(2, 25), (setting.initial_state, setting.theta, [0.9, 0.9])
     initial_guess = solve(game, *arguments[:2], [0.95, 0.9])
     found = solve(game, *arguments, initial_guess=initial_guess)
-    hurried = solve(game, *arguments, initial_guess=initial_guess, hurried=True)
-    assert found.status == hurried.status == Status.SOLVED
-    np.testing.assert_array_equal(np.concatenate(found.states), np.concatenate(hurried.states))
+    limited = solve(game, *arguments, initial_guess=initial_guess, budget=Budget.trial())
+    assert found.status == limited.status == Status.SOLVED
+    np.testing.assert_array_equal(np.concatenate(found.states), np.concatenate(limited.states))
+
+
+def test_phases_are_counted_without_the_semismooth_one():
+    game, arguments, initial_guess = stubborn_crossing()
+    steps = [
+        int(solve(game, *arguments, initial_guess=initial_guess, budget=Budget(n, 8)).iterations)
+        for n in (1, 2, 3)
+    ]
+    assert np.diff(steps).tolist() == [8, 8]
+
+
+@pytest.mark.parametrize("name", ["phases", "newton_steps", "trial_newton_steps", "fits"])
+def test_budgets_without_room_are_refused(name):
+    with pytest.raises(ValueError, match=rf"budget\.{name}: is 0; expected at least 1"):
+        Budget(**{name: 0})
 
 
 def test_a_guess_with_other_constraints_is_refused():

@@ -43,7 +43,7 @@ def test_it_is_the_inverse_information_by_central_differences():
             columns.append((ends[0] - ends[1]) / (2.0 * step))
     jacobian = np.stack(columns, axis=1)
     expected = np.linalg.inv(jacobian.T @ jacobian)
-    assert found.names[:3] == ("goal[0] of 0", "goal[1] of 0", "gamma of 0")
+    assert tuple(map(str, found.parameters[:3])) == ("goal[0] of 0", "goal[1] of 0", "gamma of 0")
     np.testing.assert_allclose(found.covariance, expected, rtol=1e-3, atol=1e-6)
     # Everything observed: an efficient estimator loses one noise variance per parameter.
     np.testing.assert_allclose(found.trajectory, 6.0, rtol=1e-6)
@@ -52,7 +52,7 @@ def test_it_is_the_inverse_information_by_central_differences():
 def test_what_observations_leave_open_has_no_bound():
     # The first observation alone says nothing about goals and discount factors.
     found = bound(positions((4, 4)), Free(("goal",), True, True), count=1)
-    names = np.array(found.names)
+    names = np.array([str(parameter) for parameter in found.parameters])
     seen = np.isin(names, [f"initial_state[{k}] of {i}" for i in range(2) for k in range(2)])
     variances = np.diag(found.covariance)
     np.testing.assert_allclose(variances[seen], 1.0)

@@ -7,10 +7,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from foresight_env.equilibrium import SolverOptions, Status, solve
+from foresight_env.equilibrium import Budget, SolverOptions, Status, solve
 from foresight_env.equilibrium.checks.validation import check_parameters
 from foresight_env.equilibrium.conditions.layout import layout_of
 from foresight_env.equilibrium.newton.implicit import equilibrium
+from foresight_env.equilibrium.newton.schedule import limits_of
 from foresight_env.equilibrium.newton.start import begin
 from foresight_env.games import full_state, positions
 from foresight_env.inverse import (
@@ -72,7 +73,7 @@ def test_noise_free_observations_give_the_parameters_back(seed):
         *("goal[0] of 0", "goal[1] of 0", "gamma of 0"),
         *("goal[0] of 1", "goal[1] of 1", "gamma of 1"),
     )
-    assert found.determined.all()
+    assert found.identifiable.all()
     np.testing.assert_allclose(np.concatenate(found.solution.states, 1), played(), atol=1e-5)
 
 
@@ -154,8 +155,8 @@ def test_gamma_is_open_where_speed_limits_decide():
     flat_out = solve(crossing(), CROSSING_STATES, crossing_theta(far), CROSSING_GAMMA)
     assert flat_out.status == Status.SOLVED
     found = fit(np.concatenate(flat_out.states, 1), theta=crossing_theta(far), covariance=1e-2)
-    gammas = np.array([name.startswith("gamma") for name in found.names])
-    assert not found.determined[gammas].any()
+    gammas = np.array([parameter.kind == "gamma" for parameter in found.parameters])
+    assert not found.identifiable[gammas].any()
 
 
 def test_gradient_descent_descends_and_agrees_with_gauss_newton():
@@ -227,7 +228,7 @@ def test_the_search_is_not_smoothed_near_a_guess():
     near = fit(played(), CROSSING_GAMMA - 0.01, initial_guess=initial_guess, starts=MultiStart(1))
     far = fit(played(), CROSSING_GAMMA - 0.01, starts=MultiStart(1))
     np.testing.assert_allclose(near.values, far.values, atol=1e-4)
-    assert near.iterations < far.iterations
+    assert near.num_forward_solves < far.num_forward_solves
     plain = fit(played(), [0.7, 0.9], method=GaussNewton(smoothing=(1e-9, 1e-9)))
     np.testing.assert_allclose(plain.values, far.values, atol=1e-4)
     with pytest.raises(ValueError, match=r"smoothing: is \(0.1, 0.0\)"):
@@ -363,24 +364,27 @@ def test_discount_factors_are_looked_for_in_their_range():
         Free(gamma_range=(0.9, 0.2))
 
 
-def test_trial_solves_give_up_early():
+def test_trial_steps_have_one_short_phase():
     """One Newton step solves no cold game; a fit's first game gets all the steps it needs."""
-    layout, hasty = layout_of(crossing()), SolverOptions(trial_steps=1)
+    layout, options = layout_of(crossing()), SolverOptions()
+    hasty = Budget(trial_newton_steps=1)
     with jax.enable_x64(True):
         parameters = check_parameters(
             crossing(), CROSSING_STATES, crossing_theta(), np.array(CROSSING_GAMMA)
         )
-        start = begin(layout, hasty, jax.tree.map(jnp.asarray, parameters), None)
-        solve_from = jax.jit(partial(equilibrium, layout, hasty))
+        start = begin(layout, options, jax.tree.map(jnp.asarray, parameters), None)
+        solve_from = jax.jit(partial(equilibrium, layout, options))
         trial, real = (
-            solve_from(parameters, start._replace(trial=jnp.asarray(value)))
+            solve_from(
+                parameters, start._replace(limits=limits_of(hasty).of_trial(jnp.asarray(value)))
+            )
             for value in (True, False)
         )
     assert not trial.success
     assert int(trial.iterations) == 1
     assert real.success
     assert int(real.iterations) > 1
-    found = fit(played(), theta=crossing_theta(CROSSING_GOALS + 0.2), options=hasty)
+    found = fit(played(), theta=crossing_theta(CROSSING_GOALS + 0.2), budget=hasty)
     assert found.status == Status.SOLVED
 
 
@@ -406,18 +410,18 @@ def test_starts_are_spread_over_the_range_that_is_searched():
     assert 0.9 < starts[:, 2].max() < 1.2
 
 
-def test_a_search_that_begins_astray_gives_up():
+def test_a_search_that_begins_too_far_off_ends():
     elsewhere = crossing_theta(CROSSING_GOALS + 0.3)
     options = {"theta": elsewhere, "starts": MultiStart(1)}
-    given_up = fit(played(), method=GaussNewton(smoothing=(), give_up=1.0), **options)
-    assert int(given_up.iterations) == 1
+    given_up = fit(played(), method=GaussNewton(smoothing=(), initial_cost_limit=1.0), **options)
+    assert int(given_up.num_forward_solves) == 1
     assert given_up.cost > 1.0
     np.testing.assert_array_equal(given_up.gamma, [0.8, 0.8])
     near = solve(crossing(), CROSSING_STATES, elsewhere, CROSSING_GAMMA)
-    usual = fit(played(), initial_guess=near, method=GaussNewton(give_up=1.0), **options)
-    assert int(usual.iterations) == 1  # an initial guess leaves smoothing out
-    smoothed = fit(played(), method=GaussNewton(give_up=1.0), **options)
-    assert int(smoothed.iterations) > 1  # what a smoothed game costs is another matter
-    gone_on = fit(played(), method=GaussNewton(smoothing=(), give_up=1e9), **options)
-    assert int(gone_on.iterations) > 1
+    usual = fit(played(), initial_guess=near, method=GaussNewton(initial_cost_limit=1.0), **options)
+    assert int(usual.num_forward_solves) == 1  # an initial guess leaves smoothing out
+    smoothed = fit(played(), method=GaussNewton(initial_cost_limit=1.0), **options)
+    assert int(smoothed.num_forward_solves) > 1  # what a smoothed game costs is another matter
+    gone_on = fit(played(), method=GaussNewton(smoothing=(), initial_cost_limit=1e9), **options)
+    assert int(gone_on.num_forward_solves) > 1
     assert gone_on.cost < 1e-8

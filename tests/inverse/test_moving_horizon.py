@@ -1,5 +1,6 @@
 """The online estimator: what it finds, keeps and refuses."""
 
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -7,8 +8,10 @@ import pytest
 
 import foresight_env.inverse.window_fit as window_fit
 from foresight_env.envs.core.scene import own_first
-from foresight_env.equilibrium import Status, solve
+from foresight_env.equilibrium import Budget, Status, solve
 from foresight_env.inverse import Free, MovingHorizonEstimator, Prior
+from foresight_env.inverse.arrival_cost import is_initial_state
+from foresight_env.inverse.update_phases import TRANSITIONS, UpdateEvent, UpdatePhase
 from foresight_env.scenarios.crosswalk import MONTE_CARLO, crosswalk_game, player_theta
 from tests.support.small_crossings import HORIZON, WINDOW
 
@@ -208,21 +211,22 @@ def test_errors_name_the_argument():
         estimator().init(theta, [0.9, 1.3])
     with pytest.raises(ValueError, match=f"game: has horizon {HORIZON}; expected at least"):
         estimator(window=HORIZON + 1).init(theta, gamma)
-    with pytest.raises(ValueError, match="warm_steps: is 0; expected at least 1"):
-        estimator(warm_steps=0).init(theta, gamma)
+    with pytest.raises(ValueError, match=r"budget\.fits: is 0; expected at least 1"):
+        Budget(fits=0)
 
 
-def test_later_updates_take_few_steps_and_go_on_where_the_last_one_ended():
+def test_tracking_updates_take_few_steps_and_continue_the_last_one():
     _, states = run()
     loose = (5.0 * STD) ** 2  # so that no other equilibrium is looked for
-    made, hurried = estimator(warm_steps=1, covariance=loose), states[8]
+    made, state = estimator(budget=Budget(gauss_newton_steps=1), covariance=loose), states[8]
     for row in seen()[8:]:
-        patient = estimator(warm_steps=8, covariance=loose).update(hurried, row)
-        hurried = made.update(hurried, row)
-        assert int(hurried.estimate.iterations) == 2  # the first game and one step
-        assert int(patient.estimate.iterations) > 2
-        assert patient.estimate.cost <= hurried.estimate.cost
-    assert abs(hurried.gamma[1] - states[-1].gamma[1]) < hurried.gamma_deviation[1]
+        longer = Budget(gauss_newton_steps=8)
+        patient = estimator(budget=longer, covariance=loose).update(state, row)
+        state = made.update(state, row)
+        assert int(state.estimate.num_forward_solves) == 2  # the first game and one step
+        assert int(patient.estimate.num_forward_solves) > 2
+        assert patient.estimate.cost <= state.estimate.cost
+    assert abs(state.gamma[1] - states[-1].gamma[1]) < state.gamma_deviation[1]
 
 
 def test_the_arrival_cost_is_the_forecast_of_the_fit_before_the_window(monkeypatch):
@@ -241,7 +245,7 @@ def test_the_arrival_cost_is_the_forecast_of_the_fit_before_the_window(monkeypat
     start = LENGTH - WINDOW  # the window's first observation, counted from 0
     before = states[start].estimate  # made when observations 0 .. start - 1 had come
     expected = np.concatenate([s[len(states[start].observations)] for s in before.solution.states])
-    is_state = np.array([n.startswith("initial_state[") for n in before.names])
+    is_state = is_initial_state(before.parameters)
     for prior in priors:
         np.testing.assert_array_equal(prior.mean[is_state], expected)
         np.testing.assert_array_equal(prior.mean[~is_state], before.values[~is_state])
@@ -299,23 +303,82 @@ def test_an_ill_conditioned_belief_is_still_one():
     assert following.failures == state.failures
 
 
-def test_a_fit_that_was_given_up_is_redone_where_nothing_is_better(monkeypatch):
-    """The shifted solution leads astray, and starting afresh finds nothing."""
+def test_an_abandoned_fit_is_redone_where_nothing_is_better(monkeypatch):
+    """The shifted solution leads elsewhere, and the observations to nothing."""
     made, states = run()
     at = WINDOW + 1
     fitted, asked = window_fit.estimate, []
 
-    def astray(*arguments, **named):
-        given = named["method"].give_up
+    def elsewhere(*arguments, **named):
+        given = named["method"].initial_cost_limit
         asked.append((named["initial_guess"] is not None, float(given)))
         found = fitted(*arguments, **named)
         if named["initial_guess"] is None:
             return found._replace(status=np.asarray(int(Status.ITERATION_LIMIT)))
         return found._replace(cost=np.asarray(10.0 * given)) if np.isfinite(given) else found
 
-    monkeypatch.setattr(window_fit, "estimate", astray)
+    monkeypatch.setattr(window_fit, "estimate", elsewhere)
     after = made.update(states[at], seen()[at])
     assert [guessed for guessed, _ in asked] == [True, False, True]
     assert np.isfinite([limit for _, limit in asked]).tolist() == [True, False, False]
     assert after.failures == 0
     assert after.reduced_chi_squared < 2.0
+
+
+def test_one_fit_per_update_is_enough_for_a_budget_of_one(monkeypatch):
+    made, states = run()
+    single = replace(made, budget=Budget(gauss_newton_steps=3, fits=1))
+    fitted, asked = window_fit.estimate, []
+
+    def unlikely(*arguments, **named):
+        asked.append(named["initial_guess"] is not None)
+        found = fitted(*arguments, **named)
+        return found._replace(cost=np.asarray(1e6))
+
+    monkeypatch.setattr(window_fit, "estimate", unlikely)
+    single.update(states[WINDOW], seen()[WINDOW])
+    assert asked == [True]
+
+
+def walk(state, events):
+    """Phases that a sequence of events leads through."""
+    phases = [state.phase]
+    for event in events:
+        state = state.after(event)
+        phases.append(state.phase)
+    return phases
+
+
+def test_every_phase_is_reached_and_every_transition_is_walked():
+    """From WAITING; a walk over the table meets each of its entries."""
+    state = start(estimator())
+    reached, frontier = {UpdatePhase.WAITING: ()}, [UpdatePhase.WAITING]
+    walked = set()
+    while frontier:
+        phase = frontier.pop()
+        for (begin, event), end in TRANSITIONS.items():
+            if begin is phase:
+                path = (*reached[phase], event)
+                assert walk(state, path)[-1] is end
+                walked.add((begin, event))
+                if end not in reached:
+                    reached[end] = path
+                    frontier.append(end)
+    assert set(reached) == set(UpdatePhase)
+    assert walked == set(TRANSITIONS)
+    assert {event for _, event in TRANSITIONS} == set(UpdateEvent)
+
+
+def test_events_that_cannot_follow_are_errors():
+    state = start(estimator())
+    with pytest.raises(KeyError):
+        state.after(UpdateEvent.MISSED)
+
+
+def test_estimators_and_estimates_print_in_a_few_lines():
+    _, states = run()
+    for shown in (states[0], states[-1], states[-1].estimate, states[-1].estimate.solution):
+        assert len(repr(shown)) < 400
+    assert "tracking" in repr(states[-1])
+    assert "gamma=[" in repr(states[-1].estimate)
+    assert "SOLVED" in repr(states[-1].estimate.solution)

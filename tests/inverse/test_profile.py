@@ -94,7 +94,7 @@ def test_what_is_flat_is_open_to_the_ends_of_the_range(level, limits):
         initial_state=CROSSING_STATES, theta=far, gamma=0.6,
         free=Free(theta=(), gamma_range=limits), covariance=1.0, profile=Profile(level),
     )  # fmt: skip
-    assert not found.determined.any()
+    assert not found.identifiable.any()
     np.testing.assert_array_equal(found.gamma_interval, [limits] * 2)
 
 
@@ -108,7 +108,7 @@ def test_the_published_method_has_profiles_too(noisy):
 
 def known(value, cost, solved=True):
     """A fit of one parameter, as far as a walk reads one."""
-    return Fit(np.array([value]), np.asarray(cost), *[None] * 5, np.asarray(solved), np.asarray(0))
+    return Fit(np.array([value]), np.asarray(cost), *[None] * 6, np.asarray(solved), np.asarray(0))
 
 
 def walk(cost, limit=1.0, *, at=0.5, points=8, follow=True, solved=lambda g: True):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from numbers import Integral, Real
-from typing import Any, get_args
+from typing import Any, TypeVar, get_args
 
 import numpy as np
 from gymnasium.spaces import Box
@@ -79,66 +79,15 @@ def check_behaviour(behaviour: Any) -> BehaviourFactory:
     return BEHAVIOURS[choice("behaviour", behaviour, tuple(BEHAVIOURS))]
 
 
-LARGEST_SHIFTS = {
-    "start": 0.35,
-    "goal": 10.0,
-}
-"""Of the crosswalk, m: agents around the circle are not drawn on top of each other, and goals lie
-inside the observation space."""
-LARGEST_JUNCTION_SHIFTS = {"along": 3.0, "place": 1.0, "speed": 4.0, "goal": 10.0}
-"""Of the junction, m and m/s, for the same reasons; nobody begins off the road."""
+R = TypeVar("R", Ranges, JunctionRanges, DrivingRanges)
 
 
-def check_crosswalk_ranges(ranges: Any) -> Ranges:
-    """Ranges whose every draw is a legal episode."""
-    if not isinstance(ranges, Ranges):
-        raise ValueError(
-            f"ranges: is {ranges!r}; expected foresight_env.scenarios.crosswalk.Ranges"
-        )
-    _check_ranges(ranges, ("gamma", "control_weight", "collision_weight"), LARGEST_SHIFTS)
+def check_ranges(ranges: Any, kind: type[R]) -> R:
+    """Check ranges of a scenario: every draw from them is a legal episode."""
+    if not isinstance(ranges, kind):
+        raise ValueError(f"ranges: is {ranges!r}; expected {kind.__module__}.{kind.__name__}")
+    ranges.check()
     return ranges
-
-
-def check_junction_ranges(ranges: Any) -> JunctionRanges:
-    """Ranges whose every draw is a legal episode."""
-    if not isinstance(ranges, JunctionRanges):
-        raise ValueError(
-            f"ranges: is {ranges!r}; expected foresight_env.scenarios.junction.JunctionRanges"
-        )
-    _check_ranges(ranges, ("gamma", "collision_weight"), LARGEST_JUNCTION_SHIFTS)
-    return ranges
-
-
-LARGEST_DRIVING_SHIFTS = {"along": 2.0, "speed": 2.0}
-"""Of cars, m and m/s: nobody begins inside another, or has no path behind it."""
-
-
-def check_driving_ranges(ranges: Any) -> DrivingRanges:
-    """Ranges whose every draw is a legal episode."""
-    if not isinstance(ranges, DrivingRanges):
-        raise ValueError(
-            f"ranges: is {ranges!r}; expected foresight_env.highway.ranges.DrivingRanges"
-        )
-    _check_ranges(ranges, ("gamma",), LARGEST_DRIVING_SHIFTS)
-    return ranges
-
-
-def _check_ranges(ranges: Any, pairs: Sequence[str], shifts: Mapping[str, float]) -> None:
-    for name in pairs:
-        pair = getattr(ranges, name)
-        positive = name != "gamma"
-        try:
-            low, high = (float(v) for v in pair)
-        except (TypeError, ValueError) as error:
-            raise ValueError(f"ranges.{name}: is {pair!r}; expected (lowest, highest)") from error
-        if not (0.0 <= low <= high < np.inf) or (positive and low == 0.0):
-            least = "above 0" if positive else "at least 0"
-            raise ValueError(
-                f"ranges.{name}: is {pair!r}; expected lowest <= highest, finite and {least}"
-            )
-    for name, most in shifts.items():
-        if not_negative(f"ranges.{name}", getattr(ranges, name)) > most:
-            raise ValueError(f"ranges.{name}: is {getattr(ranges, name)!r}; at most {most}")
 
 
 def check_seed(seed: Any) -> int | None:

@@ -114,7 +114,7 @@ class CrosswalkParallelEnv(WorldParallelEnv):
     ) -> None:
         count = checks.whole("players", players, 2, 6)
         variant = checks.check_proximity(proximity)
-        world = crosswalk_world(count, variant, checks.check_crosswalk_ranges(ranges))
+        world = crosswalk_world(count, variant, checks.check_ranges(ranges, Ranges))
         super().__init__(
             world,
             controlled=controlled,

@@ -120,7 +120,7 @@ class CrosswalkVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             checks.choice("observation", observation, ("full", "positions")),
             checks.not_negative("noise_std", noise_std),
             checks.check_proximity(proximity),
-            checks.check_crosswalk_ranges(ranges),
+            checks.check_ranges(ranges, Ranges),
             checks.whole("planning_horizon", planning_horizon, 1),
             checks.whole("max_steps", max_steps, 1),
         )

@@ -148,7 +148,7 @@ class DrivingParallelEnv(WorldParallelEnv):
                 f"simulation_frequency: is {simulation_frequency}; expected a multiple of "
                 f"policy_frequency, {frequency}"
             )
-        checked = checks.check_driving_ranges(ranges)
+        checked = checks.check_ranges(ranges, DrivingRanges)
         super().__init__(
             driving_world(chosen, count, checked, 1.0 / frequency, substeps),
             controlled=controlled,

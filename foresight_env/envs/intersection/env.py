@@ -130,7 +130,7 @@ class IntersectionParallelEnv(WorldParallelEnv):
         walking = checks.whole("pedestrians", pedestrians, 1, MOST)
         driving = checks.whole("cars", cars, 1, MOST)
         super().__init__(
-            intersection_world(walking, driving, checks.check_junction_ranges(ranges)),
+            intersection_world(walking, driving, checks.check_ranges(ranges, JunctionRanges)),
             controlled=(walking,) if controlled == "first car" else controlled,
             behaviour=behaviour,
             observation=observation,

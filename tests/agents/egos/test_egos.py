@@ -41,7 +41,7 @@ def same(one: Decision, other: Decision) -> bool:
         and {j: bits(p) for j, p in one.predicted.items()}
         == {j: bits(p) for j, p in other.predicted.items()}
         and one.gammas == other.gammas
-        and one.failed == other.failed
+        and one.plan_fallback == other.plan_fallback
     )
 
 
@@ -67,11 +67,11 @@ def watched(policy, seen):
 )
 def test_somebody_is_out_of_sight(name):
     """Beyond all that is remembered, seen late, or never."""
-    assert not any(d.failed for d in watched(ego(name), {0, 1}))
+    assert not any(d.plan_fallback for d in watched(ego(name), {0, 1}))
     late = watched(ego(name), range(2, STEPS))
     never = watched(ego(name), set())
-    assert [d.failed for d in late] == [k < 2 for k in range(STEPS)]
-    assert all(d.failed for d in never)
+    assert [d.plan_fallback for d in late] == [k < 2 for k in range(STEPS)]
+    assert all(d.plan_fallback for d in never)
 
 
 @pytest.mark.parametrize("name", EGOS)

@@ -153,5 +153,7 @@ def test_wrong_histories_and_names():
         parts = {name: getattr(good, name) for name in History.__dataclass_fields__}
         with pytest.raises(ValueError, match=told):
             History(**{**parts, **change})
-    with pytest.raises(ValueError, match="predictor: 'magic' is unknown; choose from foresight"):
+    with pytest.raises(
+        ValueError, match="predictor: 'magic' is unknown; choose from encounter-game"
+    ):
         make_predictor("magic")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from foresight_env.equilibrium import SolverOptions, Status, shift, solve, solve_many
-from foresight_env.equilibrium.batch.solve_many import LIBRARY_LANES, default_lanes
+from foresight_env.equilibrium.batch.solve_many import LIBRARY_SLOTS, default_batch_size
 from foresight_env.equilibrium.conditions.layout import layout_of
 from foresight_env.scenarios.crosswalk import crosswalk_game
 from tests.support.small_games import (
@@ -41,10 +41,12 @@ def same(found, k, one):
         np.testing.assert_allclose(many[k], alone, atol=1e-9)
 
 
-@pytest.mark.parametrize(("lanes", "threads"), [(None, 1), (None, 2), (4, 1), (4, 2), (32, 1)])
-def test_every_game_is_what_solve_makes_of_it(lanes, threads):
+@pytest.mark.parametrize(("size", "threads"), [(None, 1), (None, 2), (4, 1), (4, 2), (32, 1)])
+def test_every_game_is_what_solve_makes_of_it(size, threads):
     states, gamma = drawn()
-    found = solve_many(crossing(), states, crossing_theta(), gamma, lanes=lanes, threads=threads)
+    found = solve_many(
+        crossing(), states, crossing_theta(), gamma, batch_size=size, threads=threads
+    )
     assert (found.status == Status.SOLVED).all()
     assert len(set(found.iterations.tolist())) > 1  # some games take longer than others
     for k in range(COUNT):
@@ -54,15 +56,15 @@ def test_every_game_is_what_solve_makes_of_it(lanes, threads):
 def test_games_that_fail_leave_the_others_alone():
     states, gamma = drawn(5)
     states[2] = [[0.5, 1.0, 0.0, 0.0], [0.5, 1.0, 0.0, 0.0]]  # on top of each other: no way apart
-    found = solve_many(crossing("hard"), states, crossing_theta(), gamma, lanes=2, threads=1)
+    found = solve_many(crossing("hard"), states, crossing_theta(), gamma, batch_size=2, threads=1)
     assert found.status.tolist() == [0, 0, int(Status.INFEASIBLE), 0, 0]
     same(found, 3, solve(crossing("hard"), states[3], crossing_theta(), gamma[3]))
 
 
-def test_attempts_are_made_as_solve_makes_them():
+def test_phases_are_those_of_solve():
     states, gamma = drawn(4)
-    options = SolverOptions(max_iterations=6)
-    found = solve_many(crossing(), states, crossing_theta(), gamma, lanes=2, options=options)
+    options = SolverOptions(linear_steps=6)
+    found = solve_many(crossing(), states, crossing_theta(), gamma, batch_size=2, options=options)
     assert found.iterations.max() > 6
     for k in range(4):
         same(found, k, solve(crossing(), states[k], crossing_theta(), gamma[k], options=options))
@@ -80,8 +82,8 @@ def test_parameters_of_each_game_and_a_warm_start():
         np.testing.assert_allclose(again.states[0][k], found.states[0][k], atol=1e-7)
 
 
-def test_local_steps_that_lead_away_are_given_up_after_three():
-    """From guesses that are other situations' solutions; in a batch as alone."""
+def test_semismooth_steps_that_lead_away_end_after_three():
+    """From guesses that are other games' solutions; in a batch as alone."""
     states, gamma = drawn(8)
     states = np.tile(states, (2, 1, 1))
     states[8:, :, :2] += np.random.default_rng(1).normal(0.0, 0.6, (8, 2, 2))
@@ -90,7 +92,7 @@ def test_local_steps_that_lead_away_are_given_up_after_three():
     far = jax.tree.map(lambda v: np.roll(v, 5, axis=0), begun)
     found = solve_many(crossing(), states, crossing_theta(), gamma, initial_guess=far)
     assert (found.status == Status.SOLVED).all()
-    given_up = alike = 0
+    ended = alike = 0
     for k in range(len(states)):
         initial_guess = jax.tree.map(lambda v, k=k: v[k], far)
         usual, three = (
@@ -102,11 +104,11 @@ def test_local_steps_that_lead_away_are_given_up_after_three():
                 initial_guess=initial_guess,
                 options=options,
             )
-            for options in (SolverOptions(), SolverOptions(local_steps=3))
+            for options in (SolverOptions(), SolverOptions(semismooth_steps=3))
         )
         alike += usual.iterations == found.iterations[k]
-        given_up += usual.iterations == three.iterations > SolverOptions().local_steps
-    assert 0 < given_up < len(states)
+        ended += usual.iterations == three.iterations > SolverOptions().semismooth_steps
+    assert 0 < ended < len(states)
     # Long ways are not the same to the last bit, nor then to the last step.
     assert alike > 0.5 * len(states)
 
@@ -136,11 +138,11 @@ def test_two_threads_do_not_wait_for_each_other(players, proximity, count):
 
 
 @pytest.mark.parametrize(
-    ("players", "proximity", "lanes"),
-    [(2, "soft", 1), (6, "soft", 1), (4, "hard", 1), (6, "hard", LIBRARY_LANES)],
+    ("players", "proximity", "size"),
+    [(2, "soft", 1), (6, "soft", 1), (4, "hard", 1), (6, "hard", LIBRARY_SLOTS)],
 )
-def test_how_many_step_together_depends_on_the_stages(players, proximity, lanes):
-    assert default_lanes(layout_of(crosswalk_game(players, 5, proximity))) == lanes
+def test_how_many_step_together_depends_on_the_stages(players, proximity, size):
+    assert default_batch_size(layout_of(crosswalk_game(players, 5, proximity))) == size
 
 
 def test_players_of_unequal_sizes():

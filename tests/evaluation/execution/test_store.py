@@ -45,10 +45,10 @@ def test_two_writers_lose_nothing(tmp_path, monkeypatch):
     mine.append([{"seed": 10}])
     once = write_atomically
 
-    def overtaken(path, data, *, new):
+    def overtaken(path, data, *, overwrite):
         monkeypatch.setattr(store_module, "write_atomically", once)
         theirs.append([{"seed": 9}, {"seed": 11}])
-        once(path, data, new=new)
+        once(path, data, overwrite=overwrite)
 
     monkeypatch.setattr(store_module, "write_atomically", overtaken)
     mine.append([{"seed": 11, "x": 1}])
@@ -175,7 +175,7 @@ def test_studies_can_be_extended(tmp_path, monkeypatch):
         asked.append((ego, seed))
         return {"x": 1}
 
-    monkeypatch.setattr(closed_loop, "run_episode", episode)
+    monkeypatch.setattr(closed_loop, "run_trial", episode)
     for egos, seeds in ((("oracle",), 2), (("oracle", "infer-gamma"), 3), (("infer-gamma",), 1)):
         rows = closed_loop.study(tmp_path / "loop", egos, range(seeds), workers=0)
         assert {(r["ego"], r["seed"]) for r in rows} == {(e, s) for e in egos for s in range(seeds)}

@@ -75,7 +75,9 @@ def test_wrong_requests(sample, tmp_path):
     ):
         with pytest.raises(EncounterError, match=told):
             encounters(sample, agents=ids)
-    with pytest.raises(ValueError, match="predictor: 'magic' is unknown; choose from foresight"):
+    with pytest.raises(
+        ValueError, match="predictor: 'magic' is unknown; choose from encounter-game"
+    ):
         forecast(cuts(sample)[0], "magic")
     with pytest.raises(RecordingError, match="there is no such file"):
         encounters(tmp_path / "nothing.txt")
