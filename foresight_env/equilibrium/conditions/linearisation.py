@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -36,6 +36,11 @@ from foresight_env.games.costs import Composite
 from foresight_env.games.dynamics import Dynamics
 from foresight_env.games.types import Controls, CostFunction, Scalar, States, Theta
 
+EXACT = "exact"
+"""In place of a convexification weight: all curvature is used, without code for leaving it out."""
+
+Curvature = Scalar | None | Literal["exact"]
+"""Convexification weight; None: no second derivatives; `EXACT`: all of them."""
 Stage = tuple[States, Controls]
 """Everybody's states and controls of one stage. Costs are differentiated by these parts, not by the
 stage vector: every slice of that would become a padded sum."""
@@ -68,7 +73,7 @@ def _stage_cost(
     now: Stage,
     at: Stage,
     theta: Theta,
-    convexity: Scalar | None,
+    convexity: Curvature,
 ) -> Scalar:
     """A cost whose second derivatives at `at` are `convexity` parts Gauss-Newton, rest exact."""
     if not isinstance(cost, Composite):
@@ -81,9 +86,9 @@ def _stage_cost(
 
 
 def _partly_linear(
-    function: Callable[[Any], Array], now: Any, at: Any, convexity: Scalar | None
+    function: Callable[[Any], Array], now: Any, at: Any, convexity: Curvature
 ) -> Array:
-    if convexity is None:
+    if convexity is None or convexity is EXACT:
         return function(now)
     away = jax.tree.map(jnp.subtract, now, at)
     value, slope = jax.jvp(function, (at,), (away,))
@@ -121,7 +126,7 @@ def _moves(layout: Layout, t: Array, x: Array, u: Array) -> tuple[Array, Array, 
 
 
 def linearise(
-    layout: Layout, point: Iterate, parameters: Parameters, convexity: Scalar | None
+    layout: Layout, point: Iterate, parameters: Parameters, convexity: Curvature
 ) -> Linearisation:
     """Derivatives of all stages at `point`.
 

@@ -17,6 +17,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from foresight_env.equilibrium.conditions.kkt import Iterate, Parameters
 from foresight_env.equilibrium.conditions.layout import Layout
+from foresight_env.equilibrium.conditions.linearisation import EXACT
 from foresight_env.equilibrium.conditions.pairs import Parts, join, pairs_of, split
 from foresight_env.equilibrium.conditions.residual import evaluate, violation
 from foresight_env.equilibrium.linear_algebra.stagewise import factorise, solve_stages
@@ -29,9 +30,9 @@ from foresight_env.equilibrium.newton.phase import (
     Accuracy,
     PhaseState,
     accuracy_of,
-    init_phase,
+    blank_phase,
+    init_or_step_phase,
     phase_ended,
-    step_phase,
     succeeded,
 )
 from foresight_env.equilibrium.newton.schedule import phase_count, phase_rules
@@ -77,37 +78,50 @@ def _solve(
     first = jnp.ones((), int) if start.warm is None else jnp.where(start.warm, 0, 1)
     last = phase_count(options, start.warm, start.limits)
 
-    def phase(state):
-        number, previous, spent = state
-        begin = begin_phase(layout, options, parameters, start, number)
+    def step(solving: _Solving) -> _Solving:
+        number = solving.number
         rules = phase_rules(layout, options, number, start.warm, start.limits)
-        end = jax.lax.while_loop(
-            lambda s: ~phase_ended(layout, options, s, rules, accuracy),
-            lambda s: step_phase(layout, options, parameters, s, rules, accuracy),
-            init_phase(layout, parameters, begin, rules, accuracy),
+        phase = init_or_step_phase(
+            layout,
+            options,
+            parameters,
+            solving.phase,
+            solving.begins,
+            lambda: begin_phase(layout, options, parameters, start, number),
+            rules,
+            accuracy,
         )
-        spent += end.iteration
-        result = result_of(end, spent, accuracy)
-        moved = (end.iteration > 1) | jnp.isfinite(result.error)
-        began = previous.began | result.success | ((number == 1) & moved)
-        return number + 1, result._replace(began=began), spent
+        ended = phase_ended(layout, options, phase, rules, accuracy)
+        success = succeeded(phase, accuracy)
+        moved = (phase.iteration > 1) | jnp.isfinite(phase.error)
+        again = ended & ~success & (number < last)
+        return _Solving(
+            number + again,
+            phase,
+            solving.spent + jnp.where(ended, phase.iteration, 0),
+            solving.began | (ended & (success | ((number == 1) & moved))),
+            again,
+            ended & ~again,
+        )
 
-    def unsolved(state):
-        number, result, _ = state
-        return (number <= last) & ~result.success
-
-    zero, infinite = jnp.zeros((), int), jnp.asarray(jnp.inf)
-    nothing = Equilibrium(
-        start.point,
-        jnp.zeros_like(start.point.x),
-        infinite,
-        infinite,
-        infinite,
-        zero,
-        jnp.zeros((), bool),
-        jnp.zeros((), bool),
+    zero, no = jnp.zeros((), int), jnp.zeros((), bool)
+    blank = blank_phase(layout, parameters, start.point, accuracy)
+    end = jax.lax.while_loop(
+        lambda solving: ~solving.done, step, _Solving(first, blank, zero, no, ~no, no)
     )
-    return jax.lax.while_loop(unsolved, phase, (first, nothing, zero))[1]
+    return result_of(end.phase, end.spent, accuracy)._replace(began=end.began)
+
+
+class _Solving(NamedTuple):
+    number: Int[Array, ""]
+    """Of the phase."""
+    phase: PhaseState
+    spent: Int[Array, ""]
+    """Newton steps of the phases that have ended."""
+    began: Bool[Array, ""]
+    begins: Bool[Array, ""]
+    """Whether the next step begins a phase."""
+    done: Bool[Array, ""]
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0, 1))
@@ -145,8 +159,7 @@ def solution_tangent(
     pairs = pairs_of(layout)
     point = jax.tree.map(jax.lax.stop_gradient, result.point)
     fixed = jax.tree.map(jax.lax.stop_gradient, parameters)
-    exact = jnp.zeros(())
-    ev = evaluate(layout, pairs, point, fixed, exact, options.barrier)
+    ev = evaluate(layout, pairs, point, fixed, EXACT, options.barrier)
     # On the path `slack * multiplier` stays what it is.
     eliminated = eliminate_pairs(layout, pairs, on_the_path(pairs, point, jnp.zeros(())))
     factor = factorise(stage_system(layout, point, ev, eliminated), layout.equal_sizes)

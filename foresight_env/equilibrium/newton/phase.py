@@ -1,11 +1,12 @@
 """One phase of the solver as pure functions: `init_phase`, `step_phase`, `phase_ended`.
 
 Every driver iterates these: one game at a time (module `implicit`), or many in lockstep (module
-`batch.slots`).
+`batch.slots`); `init_or_step_phase` is both of them in one program.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
@@ -87,7 +88,7 @@ def init_phase(
     accuracy: Accuracy,
 ) -> PhaseState:
     """Return the state at the beginning of a phase."""
-    weight = jnp.where(rules.exact_below == jnp.inf, 0.0, 1.0)
+    weight = _first_weight(rules)
     first = evaluate(layout, pairs_of(layout), start, parameters, weight, accuracy.barrier)
     zero = jnp.zeros((), int)
     return PhaseState(start, first, first.error, zero, _is_finite(start, first), weight)
@@ -102,19 +103,84 @@ def step_phase(
     accuracy: Accuracy,
 ) -> PhaseState:
     """Return the state after one Newton step."""
-    pairs, before = pairs_of(layout), state.evaluation
-    # The next linearisation's curvature is chosen by the present error: one evaluation a step.
-    schedule = options.convexification
-    used = used_weight(schedule, state.weight, before.error, rules.exact_below)
-    point, taken = newton_step(
-        layout, pairs, state.point, before, accuracy.barrier, rules.semismooth, used
+    point, taken, used = _newton_point(layout, options, state, rules, accuracy)
+    return _stepped(layout, options, parameters, state, point, taken, used, accuracy)
+
+
+def init_or_step_phase(
+    layout: Layout,
+    options: SolverOptions,
+    parameters: Parameters,
+    state: PhaseState,
+    begins: Bool[Array, ""],
+    begin: Callable[[], Iterate],
+    rules: PhaseRules,
+    accuracy: Accuracy,
+) -> PhaseState:
+    """Return `init_phase` where a phase `begins` (at the point that `begin` makes), else a step.
+
+    Both need the residual and its derivatives at their point, most of a compiled program. Here that
+    code exists once.
+    """
+
+    def first() -> tuple[Iterate, Scalar, Scalar]:
+        return begin(), jnp.ones(()), _first_weight(rules)
+
+    def next_one() -> tuple[Iterate, Scalar, Scalar]:
+        return _newton_point(layout, options, state, rules, accuracy)
+
+    point, taken, used = jax.lax.cond(begins, first, next_one)
+    moved = _stepped(layout, options, parameters, state, point, taken, used, accuracy, begins)
+    return moved._replace(
+        first_error=jnp.where(begins, moved.evaluation.error, state.first_error),
+        iteration=jnp.where(begins, 0, moved.iteration),
+        weight=jnp.where(begins, used, moved.weight),
     )
-    ev = evaluate(layout, pairs, point, parameters, used, accuracy.barrier)
+
+
+def _first_weight(rules: PhaseRules) -> Scalar:
+    """All non-convex curvature is left out at first, none of it in the semismooth phase."""
+    return jnp.where(rules.exact_below == jnp.inf, 0.0, 1.0)
+
+
+def _newton_point(
+    layout: Layout,
+    options: SolverOptions,
+    state: PhaseState,
+    rules: PhaseRules,
+    accuracy: Accuracy,
+) -> tuple[Iterate, Scalar, Scalar]:
+    """The next point, the part of the step that was taken, and the weight to linearise with."""
+    # The next linearisation's curvature is chosen by the present error: one evaluation a step.
+    before = state.evaluation
+    used = used_weight(options.convexification, state.weight, before.error, rules.exact_below)
+    point, taken = newton_step(
+        layout, pairs_of(layout), state.point, before, accuracy.barrier, rules.semismooth, used
+    )
+    return point, taken, used
+
+
+def _stepped(
+    layout: Layout,
+    options: SolverOptions,
+    parameters: Parameters,
+    state: PhaseState,
+    point: Iterate,
+    taken: Scalar,
+    used: Scalar,
+    accuracy: Accuracy,
+    always: Bool[Array, ""] | bool = False,
+) -> PhaseState:
+    """The state at `point`, or the last one where that overflowed and is not taken `always`."""
+    before = state.evaluation
+    ev = evaluate(layout, pairs_of(layout), point, parameters, used, accuracy.barrier)
+    schedule = options.convexification
     weight = next_weight(schedule, layout, state.weight, before.error, ev.error, taken)
     finite = _is_finite(point, ev)
     # A step that overflowed is not taken: the result shows how far the method came.
+    kept = finite | always
     point, ev = jax.tree.map(
-        lambda new, old: jnp.where(finite, new, old),
+        lambda new, old: jnp.where(kept, new, old),
         (point, ev),
         (state.point, before),
     )
@@ -156,3 +222,18 @@ def _runs_away(
 
 def _is_finite(point: Iterate, ev: Evaluation) -> Bool[Array, ""]:
     return jnp.isfinite(ev.error + ev.complementarity + jnp.sum(point.x) + jnp.sum(point.u))
+
+
+def blank_phase(
+    layout: Layout, parameters: Parameters, point: Iterate, accuracy: Accuracy
+) -> PhaseState:
+    """Return a state of zeros, for loops whose first step begins a phase."""
+    weight = jnp.zeros(())
+    shapes = jax.eval_shape(
+        lambda p, q: evaluate(layout, pairs_of(layout), p, q, weight, accuracy.barrier),
+        point,
+        parameters,
+    )
+    nothing = jax.tree.map(lambda v: jnp.zeros(v.shape, v.dtype), shapes)
+    zero = jnp.zeros((), int)
+    return PhaseState(point, nothing, jnp.zeros(()), zero, jnp.ones((), bool), weight)
