@@ -55,15 +55,17 @@ __all__ = [
 ]
 
 
-def __getattr__(name: str) -> Any:
-    if name in _ROOMS:
-        found = getattr(import_module(f"{__name__}.{_ROOMS[name]}"), name)
-    elif name == "__version__":
-        found = _version()
-    else:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    globals()[name] = found
-    return found
+if not TYPE_CHECKING:  # type checkers would take any name for one of this module
+
+    def __getattr__(name: str) -> Any:
+        if name in _ROOMS:
+            found = getattr(import_module(f"{__name__}.{_ROOMS[name]}"), name)
+        elif name == "__version__":
+            found = _version()
+        else:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        globals()[name] = found
+        return found
 
 
 def __dir__() -> list[str]:

@@ -74,9 +74,10 @@ def missing(extra, function, *arguments):
     try:
         function(*arguments)
     except ImportError as error:
-        assert f"pip install 'foresight_env[{extra}]'" in str(error), error
+        message = str(error)
     else:
-        raise AssertionError(f"{function.__name__}{arguments}: raised no error")
+        message = "no error"
+    assert f"pip install 'foresight_env[{extra}]'" in message, message
 
 
 def name_missing_extras():

@@ -101,9 +101,9 @@ def read_csv(path: Path, columns: Mapping[str, Kind]) -> dict[str, np.ndarray]:
             ),
             parse_options=pa_csv.ParseOptions(quote_char=False),
             convert_options=pa_csv.ConvertOptions(
-                column_types={name: pa.type_for_alias(_ARROW_TYPES[kind])
-                    for name, kind in columns.items()
-               },
+                column_types={
+                    name: pa.type_for_alias(_ARROW_TYPES[kind]) for name, kind in columns.items()
+                },
                 include_columns=list(columns),
                 null_values=[],
             ),
