@@ -83,9 +83,9 @@ def train(
     listed("NAME", name, TRAINABLE_NAMES)
     if data is not None and name not in FORECASTERS:
         raise ValueError(f"--data: {name} learns from episodes only; leave it out")
-    require("learned", "foresight train")
+    require("learned", "train")
     if name == PPO:
-        require("rl", f"foresight train {PPO}")
+        require("rl", f"train {PPO}")
     from agents.learned.training import Epoch, Schedule
 
     def told(epoch: Epoch) -> None:
