@@ -5,6 +5,7 @@ SHELL := /bin/bash
 PYTHON ?= $(firstword $(foreach p,python3.11 python3.12 python3.13 python3,$(if $(shell command -v $(p)),$(p))))
 BIN := .venv/bin
 INSTALLED := .venv/.installed
+DEMO_INSTALLED := .venv/.installed_demo
 DOCS_INSTALLED := .venv/.docs_installed
 RL_INSTALLED := .venv/.rl_installed
 SOURCES := foresight_env agents evaluation benchmarks docs examples tests
@@ -20,22 +21,34 @@ export JAX_COMPILATION_CACHE_DIR ?= $(CURDIR)/.cache/jax
 export JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS ?= 0.3
 export JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES ?= -1
 
-.PHONY: help demo test test-rl lint format bench paper docs clean
+.PHONY: help demo test test-bare test-rl lint format bench paper docs clean
 
 help: ## Show this list
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
 
-$(INSTALLED): pyproject.toml
+$(INSTALLED): EXTRA := dev
+$(DEMO_INSTALLED): EXTRA := evaluation
+$(INSTALLED) $(DEMO_INSTALLED): pyproject.toml
 	@test -n "$(PYTHON)" || { echo "no python3.11, 3.12 or 3.13 found; name one with PYTHON="; exit 1; }
 	test -x $(BIN)/python || $(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[$(EXTRA)]'
 	@touch $@
 
-demo: $(INSTALLED) ## Estimate foresight from one noisy crossing and drive with it
+# What the tests need includes what the demo needs.
+demo: $(or $(wildcard $(INSTALLED)),$(DEMO_INSTALLED)) ## Estimate foresight from one noisy crossing and drive with it
 	$(BIN)/python -m evaluation demo
 
 test: $(INSTALLED) ## Run the tests
 	$(BIN)/python -m pytest $(ARGS)
+
+test-bare: ## Install the wheel without extras in a temporary environment and use it
+	@test -n "$(PYTHON)" || { echo "no python3.11, 3.12 or 3.13 found; name one with PYTHON="; exit 1; }
+	@set -e; folder=$$(mktemp -d); trap 'rm -rf "$$folder"' EXIT; \
+	$(PYTHON) -m venv "$$folder/venv"; \
+	pip="$$folder/venv/bin/python -m pip --quiet --disable-pip-version-check"; \
+	$$pip wheel --no-deps --wheel-dir "$$folder" .; \
+	$$pip install "$$folder"/*.whl; \
+	"$$folder/venv/bin/python" -I tests/bare_install.py
 
 $(RL_INSTALLED): $(INSTALLED)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check '$(TORCH)' --editable '.[dev,rl]'

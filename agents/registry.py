@@ -11,6 +11,8 @@ from importlib import import_module
 from inspect import Parameter, isfunction, signature
 from typing import TYPE_CHECKING, Any
 
+from foresight_env.extras import require
+
 if TYPE_CHECKING:
     from agents.interfaces.policy import EgoPolicy
     from agents.interfaces.predictor import Predictor
@@ -59,6 +61,9 @@ PREDICTORS: dict[str, Callable[[], Predictor]] = {
     "transformer": _entry("learned.predictor", "LearnedPredictor", "transformer"),
 }
 
+LEARNED = ("social-lstm", "transformer", *REACTIVE_EGOS)
+"""Networks, which need the extra `learned`."""
+
 PLANNED = "+plan"
 """Suffix that makes a predictor's name that of an ego that plans with its forecasts."""
 
@@ -68,12 +73,24 @@ def is_custom(name: str) -> bool:
     return ":" in name or name.endswith(PLANNED)
 
 
+def check_extra(name: str) -> None:
+    """Check that the optional dependencies of a registered agent, or of `NAME+plan`, are installed.
+
+    Raises:
+        MissingExtraError: the agent is a network and the extra `learned` is not installed.
+    """
+    if name.removesuffix(PLANNED) in LEARNED:
+        require("learned", name)
+
+
 def make_ego(name: str) -> EgoPolicy[Any]:
     """Make an ego: a registered name, `PREDICTOR+plan`, or your own as `module:Class`.
 
     Raises:
         ValueError: the name is unknown or its module cannot be used; the message lists the names.
+        MissingExtraError: it is a network and the extra `learned` is not installed.
     """
+    check_extra(name)
     if name.endswith(PLANNED):
         from agents.egos.predict_then_plan import PredictThenPlan
 
@@ -96,7 +113,9 @@ def make_predictor(name: str) -> Predictor:
 
     Raises:
         ValueError: the name is unknown or its module cannot be used; the message lists the names.
+        MissingExtraError: it is a network and the extra `learned` is not installed.
     """
+    check_extra(name)
     if ":" in name:
         from agents.interfaces.predictor import Predictor
 

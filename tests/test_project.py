@@ -10,6 +10,7 @@ import runpy
 import shlex
 import subprocess
 import sys
+import tomllib
 from importlib.util import find_spec
 from pathlib import Path
 from types import SimpleNamespace
@@ -103,9 +104,17 @@ def test_nothing_unpickles():
 
 
 def test_the_changelog_tells_of_this_version():
+    """Of a release, or of commits after one; the version without git is the latest release."""
     text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
-    released = re.findall(r"^## \[(\d+\.\d+\.\d+)\]", text, re.MULTILINE)
-    assert released[0] == foresight_env.__version__
+    sections = re.findall(r"^## \[([^\]]+)\]", text, re.MULTILINE)
+    released = [name for name in sections if re.fullmatch(r"\d+\.\d+\.\d+", name)]
+    base = re.match(r"\d+\.\d+\.\d+", foresight_env.__version__)
+    assert base
+    assert sections[0] in ("Unreleased", base[0])
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    assert project["tool"]["hatch"]["version"]["fallback-version"] == released[0]
+    citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert re.findall(r"^version: (.*)$", citation, re.MULTILINE) == [released[0]]
 
 
 def blocks():

@@ -1,1 +1,5 @@
-"""Learned predictors: networks, their training, and their weights. Loads equinox."""
+"""Learned predictors: networks, their training, and their weights. Needs the extra `learned`."""
+
+from foresight_env.extras import require
+
+require("learned", "agents.learned")

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from agents.registry import REACTIVE_EGOS, is_custom
+from agents.registry import REACTIVE_EGOS, check_extra, is_custom
 from evaluation.cli.benchmark import benchmark
 from evaluation.cli.evaluate import evaluate
 from evaluation.cli.learn import generate, train
@@ -87,6 +87,7 @@ def run(
         raise ValueError(f"--ego: {ego} drives cars of the scenario driving only")
     elif ego in REACTIVE_EGOS and scenario != "crosswalk":
         raise ValueError(f"--ego: {ego} walks in the scenario crosswalk only")
+    check_extra(ego)
     from evaluation.cli.demonstration import run_one
     from evaluation.rollout.setting import RunSetting
 

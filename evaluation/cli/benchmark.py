@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from agents.registry import PLANNED
+from agents.registry import PLANNED, check_extra
 from evaluation.cli.options import (
     ALL_EGO_NAMES,
     PREDICTOR_NAMES,
@@ -85,5 +85,7 @@ def benchmark(
 
 def _names(option: str, text: str, known: tuple[str, ...]) -> tuple[str, ...]:
     if text == "all":
+        for name in known:
+            check_extra(name)
         return known
     return chosen_agents(option, text, known) if text else ()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated
 
@@ -17,6 +16,7 @@ from evaluation.cli.options import (
     listed,
     plain_errors,
 )
+from foresight_env.extras import require
 
 SPLITS = ("train", "validation", "test")
 FORECASTERS = ("social-lstm", "transformer")
@@ -83,6 +83,9 @@ def train(
     listed("NAME", name, TRAINABLE_NAMES)
     if data is not None and name not in FORECASTERS:
         raise ValueError(f"--data: {name} learns from episodes only; leave it out")
+    require("learned", "train")
+    if name == PPO:
+        require("rl", f"train {PPO}")
     from agents.learned.training import Epoch, Schedule
 
     def told(epoch: Epoch) -> None:
@@ -91,8 +94,6 @@ def train(
     folders = [Path(part.strip()) for part in episodes.split(",") if part.strip()]
     schedule = Schedule(epochs, batch, rate, decay, patience, seed)
     if name == PPO:
-        if not find_spec("stable_baselines3"):
-            raise ValueError(f"{name}: needs the extra rl; pip install 'foresight_env[rl]'")
         from evaluation.training.reinforcement import reinforce
 
         found = reinforce(out / name, schedule, told)

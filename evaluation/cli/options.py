@@ -18,11 +18,13 @@ from agents.registry import (
     DRIVING_EGOS,
     EGOS,
     PREDICTORS,
+    check_extra,
     is_custom,
     make_ego,
     make_predictor,
 )
 from evaluation.execution.process import keep_compiled_programs
+from foresight_env.extras import MissingExtraError
 
 EGO_NAMES = tuple(EGOS)
 DRIVING_EGO_NAMES = tuple(DRIVING_EGOS)
@@ -49,7 +51,7 @@ def plain_errors(command: Callable[..., None]) -> Callable[..., None]:
 
         try:
             command(*args, **kwargs)
-        except (ValueError, OSError, SolveError) as error:
+        except (ValueError, OSError, SolveError, MissingExtraError) as error:
             typer.echo(f"foresight: {' '.join(str(error).split())}", err=True)
             raise typer.Exit(2) from error
         except KeyboardInterrupt:
@@ -79,6 +81,8 @@ def chosen_agents(option: str, text: str, known: Sequence[str]) -> tuple[str, ..
     """The same, where names may also be what the registry can make."""
     names = tuple(dict.fromkeys(name.strip() for name in text.split(",")))
     listed(option, ",".join(name for name in names if not is_custom(name)) or known[0], known)
+    for name in names:
+        check_extra(name)
     make_all(option, [name for name in names if is_custom(name)])
     return names
 

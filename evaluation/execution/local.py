@@ -7,22 +7,20 @@ import os
 from collections.abc import Generator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from importlib.util import find_spec
 
 from evaluation.execution.process import single_threaded
 from evaluation.execution.store import Row, Trial
 from evaluation.execution.trial import Attempt
+from foresight_env.extras import require
 
 Workers = int | str | None
 """Processes on this machine (None: one per core; 0: this one), or a Dask scheduler's address."""
-EXTRA = "pip install 'foresight_env[cluster]'"
 
 
 def results(attempt: Attempt, trials: Sequence[Trial], workers: Workers) -> Generator[Row]:
     """Rows in the order in which they are finished; closed early, it stops what is running."""
     if isinstance(workers, str):
-        if find_spec("distributed") is None:
-            raise ValueError(f"--cluster: needs Dask; {EXTRA}")
+        require("cluster", "--cluster")
         from evaluation.execution.dask import cluster_results
 
         return cluster_results(attempt, trials, workers)

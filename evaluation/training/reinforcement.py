@@ -18,11 +18,7 @@ from typing import Any
 import gymnasium
 import jax.numpy as jnp
 import numpy as np
-import torch
 from gymnasium.vector import AutoresetMode
-from stable_baselines3 import PPO
-from stable_baselines3.common.logger import Logger
-from stable_baselines3.common.vec_env import VecEnv
 
 from agents.learned.crosswalk_window import SIZE, WINDOW, crosswalk_window
 from agents.learned.policy_network import SCALE, WIDTH, policy_network
@@ -30,7 +26,17 @@ from agents.learned.training import Checkpoint, Epoch, Schedule, Trained, is_tir
 from evaluation.training.generation import FIRST_SEED
 from evaluation.training.trained import write_trained
 from foresight_env.envs.crosswalk.vector import CrosswalkVectorEnv
+from foresight_env.extras import require
 from foresight_env.scenarios.crosswalk import CONTROL_LIMIT, Ranges
+
+try:
+    import torch
+    from stable_baselines3 import PPO
+    from stable_baselines3.common.logger import Logger
+    from stable_baselines3.common.vec_env import VecEnv
+except ImportError:
+    require("rl", "evaluation.training.reinforcement")
+    raise
 
 ENVS = 256
 STEPS = 60

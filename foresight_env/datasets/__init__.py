@@ -1,5 +1,6 @@
 """Recorded trajectories (inD, DUT, UCY/ETH) read into one `Recording` type.
 
+Reading and writing inD and DUT needs the extra `evaluation` (pyarrow).
 `open_recording` reads any of the formats, `Recording.window` gives arrays, `closest_crossings`
 finds pairs of agents that interact. No data set is shipped: the writers make recordings in the
 same formats.

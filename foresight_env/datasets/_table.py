@@ -12,14 +12,13 @@ from pathlib import Path
 from typing import BinaryIO, Literal, NoReturn
 
 import numpy as np
-import pyarrow as pa  # type: ignore[import-untyped, unused-ignore]
-import pyarrow.csv as pa_csv  # type: ignore[import-untyped, unused-ignore]
 
 from foresight_env.datasets.errors import RecordingError
+from foresight_env.extras import require as require_extra
 
 Kind = Literal["whole", "number", "text"]
 
-_ARROW_TYPES = {"whole": pa.int64(), "number": pa.float64(), "text": pa.string()}
+_ARROW_TYPES = {"whole": "int64", "number": "float64", "text": "string"}
 _PATTERNS = {
     "whole": re.compile(r"-?\d{1,18}"),
     "number": re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?"),
@@ -71,8 +70,13 @@ def read_csv(path: Path, columns: Mapping[str, Kind]) -> dict[str, np.ndarray]:
         name -> array with a row per line; finite numbers, int64 or float64, or str objects.
 
     Raises:
+        MissingExtraError: pyarrow is not installed.
         RecordingError: anything that is not such a table, with its line.
     """
+    require_extra("evaluation", f"reading {path}", "pyarrow")
+    import pyarrow as pa
+    import pyarrow.csv as pa_csv
+
     header = [name.strip() for name in check_text_file(path).split(",")]
     missing = [name for name in columns if name not in header]
     if missing:
@@ -97,7 +101,9 @@ def read_csv(path: Path, columns: Mapping[str, Kind]) -> dict[str, np.ndarray]:
             ),
             parse_options=pa_csv.ParseOptions(quote_char=False),
             convert_options=pa_csv.ConvertOptions(
-                column_types={name: _ARROW_TYPES[kind] for name, kind in columns.items()},
+                column_types={
+                    name: pa.type_for_alias(_ARROW_TYPES[kind]) for name, kind in columns.items()
+                },
                 include_columns=list(columns),
                 null_values=[],
             ),
@@ -244,7 +250,14 @@ def _check_fields(
 
 
 def csv_content(columns: Mapping[str, np.ndarray]) -> Callable[[BinaryIO], None]:
-    """Return a writer of a comma-separated file with a header; numbers keep full precision."""
+    """Return a writer of a comma-separated file with a header; numbers keep full precision.
+
+    Raises:
+        MissingExtraError: pyarrow is not installed.
+    """
+    require_extra("evaluation", "writing a recording", "pyarrow")
+    import pyarrow as pa
+    import pyarrow.csv as pa_csv
 
     def write(stream: BinaryIO) -> None:
         stream.write((",".join(columns) + "\n").encode("ascii"))

@@ -43,6 +43,7 @@ def open_recording(
     Raises:
         RecordingError: nothing readable is there, the format is not recognised, the choice among
             several recordings is open, or the file is faulty.
+        MissingExtraError: the format is inD or DUT and pyarrow is not installed.
         ValueError: `format` is none of the three.
     """
     if format not in (None, "ind", "dut", "ucy"):
