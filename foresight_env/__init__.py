@@ -9,6 +9,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from foresight_env.compilation import enable_compilation_cache
     from foresight_env.equilibrium import (
         Budget,
         SolverOptions,
@@ -31,6 +32,7 @@ _ROOMS = {
     "Player": "games",
     "SolverOptions": "equilibrium",
     "Status": "equilibrium",
+    "enable_compilation_cache": "compilation",
     "estimate": "inverse",
     "shift": "equilibrium",
     "solve": "equilibrium",
@@ -47,6 +49,7 @@ __all__ = [
     "SolverOptions",
     "Status",
     "__version__",
+    "enable_compilation_cache",
     "estimate",
     "shift",
     "solve",

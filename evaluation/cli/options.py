@@ -23,7 +23,6 @@ from agents.registry import (
     make_ego,
     make_predictor,
 )
-from evaluation.execution.process import keep_compiled_programs
 from foresight_env.extras import MissingExtraError
 
 EGO_NAMES = tuple(EGOS)
@@ -44,10 +43,12 @@ def plain_errors(command: Callable[..., None]) -> Callable[..., None]:
 
     @wraps(command)
     def wrapped(*args: Any, **kwargs: Any) -> None:
-        keep_compiled_programs()
-        from foresight_env.equilibrium import (
-            SolveError,  # loads JAX, which --help must not wait for
-        )
+        # Here, since they load JAX, which --help must not wait for.
+        from foresight_env import compilation
+        from foresight_env.equilibrium import SolveError
+
+        compilation.enable_compilation_cache()
+        compilation.announce_compilation(lambda line: typer.echo(f"foresight: {line}", err=True))
 
         try:
             command(*args, **kwargs)

@@ -9,10 +9,11 @@ from typing import Any
 from distributed import Client, as_completed
 from distributed.diagnostics.plugin import WorkerPlugin
 
-from evaluation.execution.process import keep_compiled_programs, single_threaded
+from evaluation.execution.process import prepare_worker
 from evaluation.execution.store import Row, Trial
 from evaluation.execution.trial import Attempt
 from foresight_env import __version__
+from foresight_env.compilation import enable_compilation_cache
 
 PATIENCE = 30.0
 """How long a scheduler, and then a first worker, is waited for, s."""
@@ -24,8 +25,8 @@ class _Prepared(WorkerPlugin):
     name = "foresight_env"
 
     def setup(self, worker: Any) -> None:
-        keep_compiled_programs()
-        single_threaded()
+        enable_compilation_cache()
+        prepare_worker()
 
 
 def cluster_results(attempt: Attempt, trials: Sequence[Trial], address: str) -> Generator[Row]:

@@ -8,7 +8,7 @@ from collections.abc import Generator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 
-from evaluation.execution.process import single_threaded
+from evaluation.execution.process import prepare_worker
 from evaluation.execution.store import Row, Trial
 from evaluation.execution.trial import Attempt
 from foresight_env.extras import require
@@ -37,7 +37,7 @@ def available_workers() -> int:
 
 def _process_results(attempt: Attempt, trials: Sequence[Trial], count: int) -> Generator[Row]:
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(count, context, initializer=single_threaded) as pool:
+    with ProcessPoolExecutor(count, context, initializer=prepare_worker) as pool:
         futures = [pool.submit(attempt, trial) for trial in trials]
         try:
             for future in as_completed(futures):

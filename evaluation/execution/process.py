@@ -3,14 +3,7 @@
 from __future__ import annotations
 
 import os
-from pathlib import Path
-
-
-def keep_compiled_programs() -> None:
-    """Let JAX keep compiled programs between runs, unless the user has said where or whether."""
-    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(cache / "foresight_env" / "jax"))
-    os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.3")
+import sys
 
 
 def single_threaded() -> None:
@@ -19,3 +12,11 @@ def single_threaded() -> None:
     # Not XLA_FLAGS: those are part of a compiled program's cache key, and this process would
     # compile again what its workers have compiled.
     os.environ["PJRT_NPROC"] = "1"
+
+
+def prepare_worker() -> None:
+    """Prepare a process that runs trials: one thread, and a line where it compiles for long."""
+    single_threaded()
+    from foresight_env.compilation import announce_compilation
+
+    announce_compilation(lambda line: print(f"foresight: {line}", file=sys.stderr, flush=True))

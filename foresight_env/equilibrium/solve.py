@@ -17,6 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from foresight_env.compilation import compiled
 from foresight_env.equilibrium.checks.diagnosis import check_start_is_finite
 from foresight_env.equilibrium.checks.validation import BOUND_SLACK, check_parameters
 from foresight_env.equilibrium.conditions.kkt import Iterate, Parameters
@@ -117,7 +118,7 @@ class Kind(IntEnum):
     SOLUTION = 2
 
 
-@partial(jax.jit, static_argnums=(0, 1))
+@compiled(static_argnums=(0, 1))
 def _solve_packed(
     layout: Layout,
     options: SolverOptions,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -11,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from foresight_env.compilation import compiled
 from foresight_env.equilibrium.checks.validation import check_parameters
 from foresight_env.equilibrium.conditions.kkt import Iterate, Parameters
 from foresight_env.equilibrium.conditions.layout import layout_of
@@ -127,12 +127,12 @@ class Estimate(NamedTuple):
         )
 
 
-@partial(jax.jit, static_argnums=0)
+@compiled(static_argnums=0)
 def _tracked(problem: Problem, data: Data, base: Parameters) -> Iterate:
     return from_controls(problem.layout, problem.options, base, track(problem, data, base))
 
 
-@partial(jax.jit, static_argnums=0)
+@compiled(static_argnums=0)
 def _finish(problem: Problem, data: Data, base: Parameters, fit: Fit) -> tuple[Any, ...]:
     layout, coordinates = problem.layout, problem.coordinates
     parameters = coordinates.unpack(fit.values, base)

@@ -6,13 +6,12 @@ change of the parameters, so the step costs no game.
 
 from __future__ import annotations
 
-from functools import partial
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from foresight_env.compilation import compiled
 from foresight_env.equilibrium.conditions.kkt import Iterate, Parameters
 from foresight_env.games.types import AnyArray
 from foresight_env.inverse.fit import Data, Problem, residual_jacobian, residuals
@@ -29,7 +28,7 @@ class Rates(NamedTuple):
     are the same."""
 
 
-@partial(jax.jit, static_argnums=0)
+@compiled(static_argnums=0)
 def linear_step(
     problem: Problem,
     data: Data,

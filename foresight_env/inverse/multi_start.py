@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -11,6 +10,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 from scipy.stats import qmc
 
+from foresight_env.compilation import compiled
 from foresight_env.equilibrium.conditions.kkt import Parameters
 from foresight_env.equilibrium.newton.start import Start
 from foresight_env.inverse.fit import Data, Fit, Problem, unevaluated
@@ -56,7 +56,7 @@ MOST_STARTS = 16
 """Starts are padded to this many, so that one compiled program serves any number of them."""
 
 
-@partial(jax.jit, static_argnums=0)
+@compiled(static_argnums=0)
 def search(
     problem: Problem,
     method: GaussNewton | GradientDescent,

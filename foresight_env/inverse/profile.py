@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -20,6 +19,7 @@ import numpy as np
 from jaxtyping import Array, Float
 from scipy.stats import chi2
 
+from foresight_env.compilation import compiled
 from foresight_env.equilibrium.conditions.kkt import Iterate, Parameters
 from foresight_env.equilibrium.newton.start import Start, from_controls
 from foresight_env.inverse.fit import Data, Fit, Problem, extrapolated
@@ -83,7 +83,7 @@ Refit = Callable[..., Fit]
 beginning near another fit, with one parameter held or with a smoothed game first."""
 
 
-@partial(jax.jit, static_argnums=0)
+@compiled(static_argnums=0)
 def _begin(problem: Problem, base: Parameters, near: Fit, values: Array, smoothed: Array) -> Start:
     """Near a solution moved along its derivatives, or the path from its controls."""
 
@@ -95,7 +95,7 @@ def _begin(problem: Problem, base: Parameters, near: Fit, values: Array, smoothe
     return Start(point, ~smoothed)
 
 
-_laplace = jax.jit(laplace, static_argnums=0)
+_laplace = compiled(static_argnums=0)(laplace)
 
 
 def profiled(

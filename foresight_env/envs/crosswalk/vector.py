@@ -13,7 +13,6 @@ changes.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 from typing import Any, ClassVar
 
 import jax
@@ -25,6 +24,7 @@ from gymnasium.vector.utils import batch_space
 from jaxtyping import Bool, Float, Float32, Int
 
 from foresight_env.annotations import no_type_check
+from foresight_env.compilation import compiled
 from foresight_env.envs.core import checks
 from foresight_env.envs.core.world import stacked
 from foresight_env.envs.crosswalk.env import CrosswalkEnv
@@ -47,7 +47,7 @@ Infos = dict[str, Any]
 
 
 @in_double_precision
-@partial(jax.jit, static_argnums=0)
+@compiled(static_argnums=0)
 def _move(
     setting: CrosswalkSetting, state: CrosswalkState, wanted: Any, noise: Any
 ) -> tuple[CrosswalkState, Outcome, Any]:
@@ -61,7 +61,7 @@ def _move(
 
 
 @in_double_precision
-@partial(jax.jit, static_argnums=0)
+@compiled(static_argnums=0)
 def _start(
     setting: CrosswalkSetting, episode_parameters: EpisodeParameters, noise: Any
 ) -> tuple[CrosswalkState, Any]:

@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Int
 
+from foresight_env.compilation import compiled
 from foresight_env.equilibrium.conditions.kkt import Iterate, Parameters
 from foresight_env.equilibrium.conditions.layout import Layout
 from foresight_env.equilibrium.newton.implicit import Equilibrium, equilibrium
@@ -21,7 +22,7 @@ from foresight_env.equilibrium.solve import Solution, to_solution
 from foresight_env.games.types import AnyArray
 
 
-@partial(jax.jit, static_argnums=(0, 1))
+@compiled(static_argnums=(0, 1))
 def solve_in_turn(
     layout: Layout,
     options: SolverOptions,

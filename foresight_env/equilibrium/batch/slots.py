@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
+from foresight_env.compilation import compiled
 from foresight_env.equilibrium.conditions.kkt import Iterate, Parameters
 from foresight_env.equilibrium.conditions.layout import Layout
 from foresight_env.equilibrium.newton.implicit import Equilibrium, result_of
@@ -52,7 +53,7 @@ def _choose(condition: Array, yes: Any, no: Any) -> Any:
     return jax.tree.map(choose, yes, no)
 
 
-@partial(jax.jit, static_argnums=(0, 1, 2))
+@compiled(static_argnums=(0, 1, 2))
 def solve_in_slots(
     layout: Layout,
     options: SolverOptions,

@@ -62,8 +62,8 @@ def evaluate(
     return _evaluate(layout, pairs, point, parameters, convexity, barrier)
 
 
-# Jitted, so that a program that evaluates at several places is traced once. Inlined, since XLA folds
-# constants into calls, and fails (jaxlib 0.10) where that leads it to a call of LAPACK.
+# Jitted, so that a program that evaluates at several places is traced once. Inlined, since XLA
+# folds constants into calls, and fails (jaxlib 0.10) where that leads it to a call of LAPACK.
 @partial(jax.jit, static_argnums=0, inline=True)
 def _evaluate_exactly(layout, pairs, point, parameters, barrier):
     return _evaluation(layout, pairs, point, parameters, EXACT, barrier)

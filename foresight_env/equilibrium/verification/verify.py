@@ -8,7 +8,6 @@ re-optimising that player alone.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -16,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from foresight_env.compilation import compiled
 from foresight_env.equilibrium.checks.validation import check_parameters
 from foresight_env.equilibrium.conditions.curvature import dynamics_hessian
 from foresight_env.equilibrium.conditions.kkt import (
@@ -141,7 +141,7 @@ def restricted(layout: Layout, i: int, point: Iterate, parameters: Parameters) -
     return Iterate(point.x[:, sx], point.u[:, su], own(point.slack), own(join(felt)))
 
 
-@partial(jax.jit, static_argnums=(0, 1))
+@compiled(static_argnums=(0, 1))
 def _verify(
     layout: Layout, options: SolverOptions, parameters: Parameters, point: Iterate
 ) -> tuple[Array, Array, tuple[Array, ...], Array]:

@@ -1,0 +1,107 @@
+"""How the library's programs are compiled, kept between runs, and announced.
+
+Nothing here happens at import: a process keeps compiled programs once it calls
+`enable_compilation_cache`, and announces long compilations once it calls `announce_compilation`.
+The command `foresight` and the tests do both.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+import jax
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+COMPILER_OPTIONS = {
+    # XLA's fusion emitters take a third of the time that compiling a solver takes, run it no
+    # faster, and read wrong entries of some vectors on processors with AVX2 (jaxlib 0.8 to 0.10,
+    # see tests/equilibrium/test_compilation.py). `benchmarks.compilation` compares.
+    "xla_cpu_use_fusion_emitters": False,
+}
+LEAST_SECONDS = 0.3
+"""Compilations that take longer than this are kept."""
+SILENCE = 1.0
+"""Seconds that a compilation lasts before it is announced: cached programs load faster."""
+
+
+def compiled(*, static_argnums: int | Sequence[int] = ()) -> Callable[[F], F]:
+    """Compile a function of the library on first use: `jax.jit` with `COMPILER_OPTIONS`.
+
+    For functions that callers' traces never contain: JAX takes options at the outermost level only.
+    """
+
+    def decorate(function: F) -> F:
+        jitted: F = jax.jit(
+            function, static_argnums=static_argnums, compiler_options=COMPILER_OPTIONS
+        )
+        return jitted
+
+    return decorate
+
+
+def default_cache() -> Path:
+    """Return where compiled programs are kept: `JAX_COMPILATION_CACHE_DIR`, or the user's cache."""
+    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    return Path(os.environ.get("JAX_COMPILATION_CACHE_DIR") or cache / "foresight_env" / "jax")
+
+
+def enable_compilation_cache(folder: str | os.PathLike[str] | None = None) -> Path:
+    """Keep compiled programs between runs, also those of processes that this one starts.
+
+    A first solve compiles for seconds, a first fit of four agents for some ten; later processes
+    load the programs in a fraction of a second.
+
+    Args:
+        folder: where; None: `JAX_COMPILATION_CACHE_DIR` or the user's cache folder.
+
+    Returns:
+        The folder. Programs depend on the versions of JAX and on the processor; old ones may be
+        deleted at any time.
+    """
+    path = Path(folder) if folder is not None else default_cache()
+    settings = {
+        "jax_compilation_cache_dir": str(path),
+        "jax_persistent_cache_min_compile_time_secs": LEAST_SECONDS,
+        "jax_persistent_cache_min_entry_size_bytes": -1,
+    }
+    for name, value in settings.items():
+        os.environ[name.upper()] = str(value)
+        jax.config.update(name, value)
+    return path
+
+
+_timers: dict[int, threading.Timer] = {}
+_tell: list[Callable[[str], None]] = []
+
+
+def announce_compilation(tell: Callable[[str], None]) -> None:
+    """Call `tell` with a line whenever a compilation of this process takes longer than a second.
+
+    The last caller's `tell` is used.
+    """
+    first = not _tell
+    _tell[:] = [tell]
+    if first:
+        jax.monitoring.register_event_duration_secs_listener(_listen)
+
+
+def _listen(event: str, seconds: float, **details: Any) -> None:
+    thread = threading.get_ident()
+    if event.endswith("jaxpr_to_mlir_module_duration"):  # what follows is XLA's part
+        timer = threading.Timer(SILENCE, _announce)
+        timer.daemon = True
+        _timers[thread] = timer
+        timer.start()
+    elif event.endswith("backend_compile_duration"):
+        timer_ = _timers.pop(thread, None)
+        if timer_ is not None:
+            timer_.cancel()
+
+
+def _announce() -> None:
+    _tell[0]("compiling the solver, once per machine")
