@@ -6,6 +6,7 @@ all others; both are told apart by the colour-blind.
 
 from __future__ import annotations
 
+import textwrap
 from functools import lru_cache
 from typing import Any
 from zlib import crc32
@@ -35,6 +36,8 @@ COLOURS = {
     "cloned": "#882255",
     "ppo": "#7F7F00",
 }
+HEADING = 14
+"""Characters that a column of a table has room for on a narrow terminal."""
 OTHER_COLOURS = ("#DDCC77", "#CC6677", "#88CCEE", "#777777")
 
 
@@ -50,6 +53,11 @@ def label_of(name: str) -> str:
         return str((make_ego if name.endswith(PLANNED) else _either)(name).name)
     except ValueError:
         return name
+
+
+def heading_of(name: str) -> str:
+    """Return a label for the head of a column: lines of at most `HEADING` characters."""
+    return "\n".join(textwrap.wrap(label_of(name), HEADING, break_long_words=False))
 
 
 def _either(name: str) -> Any:

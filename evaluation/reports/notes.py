@@ -48,7 +48,8 @@ def _shown(table: Table) -> Shown:
     columns = [[_plain(cell) for cell in column.cells] for column in table.columns]
     return Shown(
         _plain(table.title or ""),
-        tuple(_plain(column.header) for column in table.columns),
+        # A page has room: names that were broken for a terminal are joined again.
+        tuple(_plain(column.header).replace("-\n", "-") for column in table.columns),
         tuple(zip(*columns, strict=True)),
         tuple(column.justify == "right" for column in table.columns),
     )

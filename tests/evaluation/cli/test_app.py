@@ -1,31 +1,21 @@
 """The command `foresight`: help, one-line errors with exit status 2, and results."""
 
 import os
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
 from typer.testing import CliRunner
 
-from agents import EGOS, PREDICTORS
-from agents.registry import CROSSWALK_EGOS, DRIVING_EGOS
 from evaluation.cli import app as command_line
 from evaluation.cli import options
 from evaluation.cli.app import app
-from evaluation.cli.learn import PPO, SPLITS, TRAINABLE_NAMES
-from evaluation.cli.options import (
-    ALL_EGO_NAMES,
-    CROSSWALK_EGO_NAMES,
-    DRIVING_EGO_NAMES,
-    EGO_NAMES,
-    PREDICTOR_NAMES,
-    Scene,
-)
 from evaluation.samples.recording import write_sample
-from evaluation.training.generation import FIRST_SEED
-from evaluation.training.supervised import TRAINABLE
+from foresight_env import __version__
 from foresight_env.envs.rendering.style import COLOURS
-from foresight_env.highway.scenes import SCENES
 
 COMMANDS = (
     "run",
@@ -35,7 +25,13 @@ COMMANDS = (
     "evaluate driving",
     "estimate",
     "demo",
+    "benchmark",
+    "generate",
+    "train",
 )
+
+
+ROOT = Path(__file__).parents[3]
 
 
 @pytest.fixture(scope="module")
@@ -71,20 +67,32 @@ def test_help(command):
     assert result.exit_code == 0
     assert "Usage: " in result.stdout
     assert "--out" in result.stdout
+    assert call(*command.split(), "-h").stdout == result.stdout
 
 
 def test_help_of_everything():
     result = call("--help")
     assert result.exit_code == 0
     assert all(command.split()[0] in result.stdout for command in COMMANDS)
-    assert tuple(EGOS) == EGO_NAMES
-    assert tuple(DRIVING_EGOS) == DRIVING_EGO_NAMES
-    assert tuple(CROSSWALK_EGOS) == CROSSWALK_EGO_NAMES
-    assert set(ALL_EGO_NAMES) == {*DRIVING_EGOS, *CROSSWALK_EGOS}
-    assert set(TRAINABLE_NAMES) == {*TRAINABLE, PPO}
-    assert set(SPLITS) == set(FIRST_SEED)
-    assert tuple(PREDICTORS) == PREDICTOR_NAMES
-    assert [scene.value for scene in Scene] == list(SCENES)
+    assert call("-h").stdout == result.stdout
+    assert call("evaluate", "-h").stdout == call("evaluate", "--help").stdout != ""
+
+
+def test_the_version():
+    result = call("--version")
+    assert result.exit_code == 0
+    assert result.stdout == f"foresight_env {__version__}\n"
+
+
+def test_help_loads_neither_jax_nor_arrow():
+    script = (
+        "import sys; sys.argv = ['foresight', {!r}]\n"
+        "from evaluation.cli.app import main\n"
+        "try:\n    main()\n"
+        "finally:\n    assert not {{'jax', 'pyarrow', 'matplotlib'}} & set(sys.modules)\n"
+    )
+    for option in ("--help", "--version"):
+        subprocess.run([sys.executable, "-c", script.format(option)], check=True, cwd=ROOT)
 
 
 def test_predictions_on_recordings(tmp_path, sample):
@@ -111,6 +119,8 @@ def test_runs_that_there_are_not(tmp_path):
         (("crosswalk", "--behaviour", "idm"), "--behaviour: idm drives cars"),
         (("intersection", "--players", 3), "--players: the intersection has two"),
         (("crosswalk", "--ego", "idm"), "--ego: idm drives cars"),
+        (("crosswalk", "--scene", "merge"), "--scene: is merge; only the scenario driving"),
+        (("intersection", "--scene", "left_turn"), "--scene: is left_turn"),
     ):
         refused(call("run", *arguments, "--out", out), told)
     assert not out.exists()
@@ -262,7 +272,7 @@ def test_an_interruption(tmp_path, monkeypatch, sample):
 def test_estimate(sample, tmp_path):
     result = call("estimate", sample, "--ids", "ped:0,ped:1", "--out", tmp_path / "out")
     assert result.exit_code == 0, result.output
-    for word in ("gamma inferred", "gamma = 1", "constant-velocity", "ped:1"):
+    for word in ("encounter-game", "encounter-game-gamma-1", "constant-velocity", "ped:1"):
         assert word in result.stdout
     (picture,) = (tmp_path / "out").iterdir()
     assert picture.suffix == ".png"
