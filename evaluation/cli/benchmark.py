@@ -65,7 +65,7 @@ def benchmark(
 ) -> None:
     """Predictors and egos at every place, open loop and closed loop: tables, a CSV and a page.
 
-    An interrupted benchmark goes on where it stopped; more methods, scenarios or episodes are added
+    An interrupted benchmark is resumed; more methods, scenarios or episodes are added
     to what is there.
     """
     from evaluation.reports.benchmark import benchmark as run

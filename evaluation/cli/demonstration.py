@@ -81,7 +81,7 @@ def _draw(console: Console, ego: str, seed: int, setting: RunSetting, out: Path)
     table.add_column("quantity")
     table.add_column("value", justify="right")
     table.add_row("end", f"{ending(last.info)} after {last.info['time']:.1f} s")
-    table.add_row("smallest gap to somebody", f"{last.info['min_distance']:.2f} m")
+    table.add_row("smallest gap to others", f"{last.info['min_distance']:.2f} m")
     for j, (mean, deviation) in last.decision.gammas.items():
         gamma = setting.true_gammas(last.info)[j]
         true = "none (plays no game)" if np.isnan(gamma) else f"{gamma:.2f}"

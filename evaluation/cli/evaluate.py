@@ -60,7 +60,7 @@ def evaluate_crosswalk(
 ) -> None:
     """Compare egos in the closed loop, and estimation errors over noise; tables and figures.
 
-    Interrupted studies go on where they stopped. The paper's size is --levels 50 --sequences 50.
+    Interrupted studies are resumed. The paper's size is --levels 50 --sequences 50.
     """
     names = chosen_agents("--egos", egos, CROSSWALK_EGO_NAMES)
     check_noise(noise_std)
@@ -107,7 +107,7 @@ def evaluate_driving(
 ) -> None:
     """Egos that turn, merge, change lanes and go round among other cars; tables and figures.
 
-    Interrupted studies go on where they stopped; more --episodes, --scenes or --egos are added to
+    Interrupted studies are resumed; more --episodes, --scenes or --egos are added to
     what is there. Ten seeds of one scene take one to three minutes on two cores.
     """
     check_noise(noise_std)

@@ -73,7 +73,7 @@ def train(
     seed: Annotated[int, typer.Option(min=0, help="Of weights and order.")] = 0,
     out: OutOption = Path("results/training"),
 ) -> None:
-    """Train a network; a training that was interrupted goes on, to the same end.
+    """Train a network; training resumes after interruption, with the same result.
 
     OUT/NAME gets the weights, what they are of, and the learning curve.
     """

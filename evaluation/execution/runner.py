@@ -32,7 +32,7 @@ def run_trials(
     pending: list[Row] = []
     with progress(label, len(trials), len(trials) - len(todo), failed) as shown:
         try:
-            # Closed also when a row cannot be written: else workers would go on.
+            # Closed also when a row cannot be written: else workers would keep running.
             with closing(results(Attempt(function, store.key), todo, workers)) as rows:
                 for row in rows:
                     pending.append(row)

@@ -34,7 +34,7 @@ class Metric(NamedTuple):
 
 
 ADE = Metric("ADE", "m", "mean distance between prediction and truth", True)
-FDE = Metric("FDE", "m", "the same at the last step at which somebody is there")
+FDE = Metric("FDE", "m", "the same at the last step at which an agent is there")
 MISSED = Metric("missed", "%", "agents predicted more than 2 m off at that step")
 BEST = Metric("best of 5", "m", "ADE of the best of the five most likely joint futures")
 NLL = Metric("NLL", "", "minus the log of the probability density (1/m^2) given to the truth")

@@ -47,7 +47,8 @@ def print_driving(
     for scene in scenes:
         for other in others:
             found = [summarise(rows, scene, other, ego) for ego in egos]
-            console.print(_table(place(scene, other), [s for s in found if s is not None]))
+            finished = [s for s in found if s is not None]
+            console.print(_table(place(scene, other), finished, console.width))
             if "infer-gamma" in egos:
                 _print_paired(console, rows, scene, other, egos)
     console.print(
@@ -58,11 +59,11 @@ def print_driving(
         console.print(f"[red]{escape(failed(errors))}[/red]")
 
 
-def _table(title: str, summaries: Sequence[Summary]) -> Table:
+def _table(title: str, summaries: Sequence[Summary], width: int) -> Table:
     table = Table(title=title)
     table.add_column("", no_wrap=True)
     for s in summaries:
-        table.add_column(escape(heading_of(s.ego)), justify="right")
+        table.add_column(escape(heading_of(s.ego, width)), justify="right")
     ends = {
         COLLISION: [f"{s.ends[COLLISION]} ({s.faults} at fault)" for s in summaries],
         **{e: [str(s.ends[e]) for s in summaries] for e in (OFF_ROAD, REACHED, TIME_OUT)},
@@ -99,7 +100,7 @@ def _print_paired(
         found = paired(rows, scene, others, "infer-gamma", other)
         if other != "infer-gamma" and found is not None:
             console.print(
-                f"  {label_of(other)}: collisions {found.collisions:+d}, gap "
+                f"  {escape(label_of(other))}: collisions {found.collisions:+d}, gap "
                 f"{mean_and_half(found.gap)} m, time to goal {mean_and_half(found.time)} s "
                 f"({found.seeds} seeds)"
             )

@@ -10,6 +10,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from evaluation.reports.terminal import FILE_WIDTH
+
 
 @dataclass(frozen=True)
 class Shown:
@@ -26,7 +28,7 @@ class Notes(Console):
     """A console whose tables and paragraphs are kept in `kept`, in order."""
 
     def __init__(self) -> None:
-        super().__init__(file=io.StringIO())
+        super().__init__(file=io.StringIO(), width=FILE_WIDTH)
         self.kept: list[Shown | str] = []
 
     def print(self, *objects: Any, **options: Any) -> None:
@@ -48,8 +50,7 @@ def _shown(table: Table) -> Shown:
     columns = [[_plain(cell) for cell in column.cells] for column in table.columns]
     return Shown(
         _plain(table.title or ""),
-        # A page has room: names that were broken for a terminal are joined again.
-        tuple(_plain(column.header).replace("-\n", "-") for column in table.columns),
+        tuple(_plain(column.header) for column in table.columns),
         tuple(zip(*columns, strict=True)),
         tuple(column.justify == "right" for column in table.columns),
     )

@@ -83,7 +83,10 @@ def write_report(folder: Path, episodes: int = 4) -> Path:
         for w in track(part.episodes[:episodes], f"replays: {where}", transient=True):
             try:
                 replays.append((replay(w.ego, w.seed, w.setting, w.title), w.why))
-            except (ValueError, ImportError) as error:  # somebody's own ego, which is not here
+            except (
+                ValueError,
+                ImportError,
+            ) as error:  # a user's ego, not importable here
                 notes.print(f"No replay of {w.ego}: {error}", markup=False)
         chapters.append(
             Chapter(

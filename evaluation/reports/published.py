@@ -28,7 +28,7 @@ Select = dict[str, Any]
 
 @dataclass(frozen=True)
 class Comparison:
-    """A number that somebody has published, and how it is found in the rows of a study."""
+    """A published number, and how it is computed from the rows of a study."""
 
     what: str
     reference: str

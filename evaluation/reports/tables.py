@@ -36,7 +36,7 @@ def print_closed_loop(console: Console, summaries: Sequence[Summary], rows: Sequ
     table = Table(title="Closed loop: an ego among short-sighted others (means ±95 %)")
     table.add_column("", no_wrap=True)
     for s in summaries:
-        table.add_column(escape(heading_of(s.ego)), justify="right")
+        table.add_column(escape(heading_of(s.ego, console.width)), justify="right")
     lines: dict[str, list[str]] = {
         "episodes": [str(s.episodes) for s in summaries],
         "collisions": [str(s.collisions) for s in summaries],
@@ -78,7 +78,7 @@ def print_closed_loop(console: Console, summaries: Sequence[Summary], rows: Sequ
             )
             distance = paired_difference(list(rows), "infer-gamma", other, "min_distance")
             console.print(
-                f"  {label_of(other)}: cost {mean_and_half(cost, 1)}, min distance "
+                f"  {escape(label_of(other))}: cost {mean_and_half(cost, 1)}, min distance "
                 f"{mean_and_half(distance)} m"
             )
 
@@ -140,7 +140,7 @@ def print_encounters(
     table.add_column("steps", justify="right")
     names = [f.predictor for f in results[0][1]]
     for name in names:
-        table.add_column(escape(heading_of(name)), justify="right")
+        table.add_column(escape(heading_of(name, console.width)), justify="right")
     table.add_column("gammas", justify="right")
     for encounter, forecasts in results:
         cells = [
@@ -166,7 +166,7 @@ def print_encounters(
             average = mean_interval(np.array([f[k].average_error for _, f in results]))
             final = mean_interval(np.array([f[k].final_error for _, f in results]))
             console.print(
-                f"{label_of(name)}: mean ADE {mean_and_half(average)} m, mean FDE "
+                f"{escape(label_of(name))}: mean ADE {mean_and_half(average)} m, mean FDE "
                 f"{mean_and_half(final)} m"
             )
 

@@ -192,6 +192,25 @@ def test_a_small_study(folder, tmp_path, monkeypatch):
         predict(case, 8, "goals")
 
 
+def test_the_command_chooses_a_moment_that_fits(folder, tmp_path, monkeypatch):
+    """A window of 8 steps, of which 15 cannot be observed."""
+    monkeypatch.setattr(options, "keep_compiled_programs", lambda: None)
+    monkeypatch.setattr(intersection_study, "study", lambda *arguments, **more: [])
+    chosen = []
+
+    def predicted(case, known, parameters):
+        chosen.append((len(case.states), known))
+        raise ValueError("enough")
+
+    monkeypatch.setattr(intersection_study, "predict", predicted)
+    command = ["evaluate", "intersection", "--data", folder, "--tracks", "201,205"]
+    command += ["--frames", "26158:26200", "--out", str(tmp_path / "out")]
+    assert CliRunner().invoke(command_line.app, command).stderr == "foresight: enough\n"
+    assert chosen == [(8, 5)]
+    result = CliRunner().invoke(command_line.app, [*command, "--at", "15"])
+    assert "--at: is 15; expected 3 to 7 observed steps" in result.stderr
+
+
 @pytest.mark.parametrize(
     ("told", "arguments"),
     [
