@@ -22,7 +22,6 @@ from evaluation.cli.options import (
     make_all,
     plain_errors,
 )
-from foresight_env import __version__
 from foresight_env.names import (
     SCENE_NAMES,
     DrivingBehaviour,
@@ -45,6 +44,8 @@ app = typer.Typer(
 
 def _print_version(wanted: bool) -> bool:
     if wanted:
+        from foresight_env import __version__
+
         typer.echo(f"foresight_env {__version__}")
         raise typer.Exit
     return wanted
