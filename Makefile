@@ -16,11 +16,6 @@ PAPER ?= results/paper
 # What pip is asked for: a release of PyTorch (`TORCH=torch==2.13.0`), or a wheel without CUDA.
 TORCH ?= torch
 
-# Compiled programs are kept between runs; the library itself sets nothing of the kind.
-export JAX_COMPILATION_CACHE_DIR ?= $(CURDIR)/.cache/jax
-export JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS ?= 0.3
-export JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES ?= -1
-
 .PHONY: help demo test test-bare test-rl lint format bench paper docs clean
 
 help: ## Show this list

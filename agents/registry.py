@@ -43,6 +43,8 @@ DRIVING_EGOS = {**EGOS, **ROAD_EGOS}
 CROSSWALK_EGOS = {**EGOS, **REACTIVE_EGOS}
 ALL_EGOS = {**EGOS, **ROAD_EGOS, **REACTIVE_EGOS}
 
+FORECASTERS = ("social-lstm", "transformer")
+"""Networks that predict."""
 PREDICTORS: dict[str, Callable[[], Predictor]] = {
     "encounter-game": _entry("predictors.encounter", "EncounterPredictor"),
     "encounter-game-gamma-1": _entry("predictors.encounter", "EncounterPredictor", infer=False),
@@ -57,8 +59,7 @@ PREDICTORS: dict[str, Callable[[], Predictor]] = {
     "social-force": _entry("predictors.social_force", "SocialForcePredictor"),
     "orca": _entry("predictors.orca", "OrcaPredictor"),
     "idm": _entry("predictors.idm", "IdmPredictor"),
-    "social-lstm": _entry("learned.predictor", "LearnedPredictor", "social-lstm"),
-    "transformer": _entry("learned.predictor", "LearnedPredictor", "transformer"),
+    **{name: _entry("learned.predictor", "LearnedPredictor", name) for name in FORECASTERS},
 }
 
 LEARNED = ("social-lstm", "transformer", *REACTIVE_EGOS)

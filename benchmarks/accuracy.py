@@ -117,7 +117,7 @@ def by_band(rows: list[Trial]) -> list[Row]:
                     "90 % intervals that hold gamma": f"{np.mean(told):.0%}" if told else "-",
                     "gamma open": f"{1.0 - len(told) / len(pairs):.0%}",
                     "seconds, median": float(np.median([r["seconds"] for r in good])),
-                    "broke": len(mine) - len(good),
+                    "failed": len(mine) - len(good),
                 }
             )
     return lines

@@ -32,7 +32,7 @@ def run(setting: Setting) -> list[Result]:
                 "ego": ego,
                 "collisions": found.collisions,
                 "goal reached": f"{found.reached} of {found.episodes}",
-                "broke": found.errors,
+                "failed": found.failed,
                 "smallest distance [m]": f"{found.smallest_distance:.2f}",
                 "time to goal [s]": told(found.time_to_goal),
                 "cost": told(found.cost),

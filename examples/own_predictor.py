@@ -11,7 +11,7 @@ import numpy as np
 
 from agents import FunctionPredictor, History, make_predictor
 from agents.conformance import check_predictor
-from evaluation.studies.prediction import judged
+from evaluation.metrics.prediction import judged
 from evaluation.windows.simulated import simulated_windows
 
 RELAXATION = 2.0
@@ -37,9 +37,9 @@ def main(episodes: int = 5) -> dict[str, float]:
     errors: dict[str, float] = {}
     for predictor in (mine, make_predictor("constant-velocity"), make_predictor("kalman")):
         found = [
-            judged(window, predictor.predict(window.history, len(window.truth)))["average_error"]
+            judged(w.history, w.truth, predictor.predict(w.history, len(w.truth)))["average_error"]
             for seed in range(episodes)
-            for window in simulated_windows("crosswalk", seed)
+            for w in simulated_windows("crosswalk", seed)
         ]
         errors[predictor.name] = float(np.mean(found))
         print(f"{predictor.name}: {errors[predictor.name]:.2f} m in {len(found)} windows")

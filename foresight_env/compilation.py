@@ -11,11 +11,9 @@ import os
 import threading
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import jax
-
-F = TypeVar("F", bound=Callable[..., Any])
 
 COMPILER_OPTIONS = {
     # XLA's fusion emitters take a third of the time that compiling a solver takes, run it no
@@ -29,17 +27,14 @@ SILENCE = 1.0
 """Seconds that a compilation lasts before it is announced: cached programs load faster."""
 
 
-def compiled(*, static_argnums: int | Sequence[int] = ()) -> Callable[[F], F]:
+def compiled(*, static_argnums: int | Sequence[int] = ()) -> Callable[[Callable[..., Any]], Any]:
     """Compile a function of the library on first use: `jax.jit` with `COMPILER_OPTIONS`.
 
     For functions that callers' traces never contain: JAX takes options at the outermost level only.
     """
 
-    def decorate(function: F) -> F:
-        jitted: F = jax.jit(
-            function, static_argnums=static_argnums, compiler_options=COMPILER_OPTIONS
-        )
-        return jitted
+    def decorate(function: Callable[..., Any]) -> Any:
+        return jax.jit(function, static_argnums=static_argnums, compiler_options=COMPILER_OPTIONS)
 
     return decorate
 

@@ -21,3 +21,6 @@ DrivingBehaviour = Literal["receding", "open_loop", "idm"]
 SCENARIOS: tuple[str, ...] = get_args(Scenario)
 SCENE_NAMES: tuple[str, ...] = get_args(SceneName)
 OBSERVATIONS: tuple[str, ...] = get_args(Observation)
+DRIVING_BEHAVIOURS: tuple[str, ...] = get_args(DrivingBehaviour)
+PLACES: tuple[str, ...] = (*(name for name in SCENARIOS if name != "driving"), *SCENE_NAMES)
+"""Environments by the names in results: scenarios, and scenes of the scenario `driving`."""

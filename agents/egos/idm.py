@@ -38,7 +38,7 @@ class IdmMemory(NamedTuple):
 class Idm:
     """Follows its path at its speed, behind whoever is on it."""
 
-    name: str = "IDM"
+    name: str = "idm"
 
     def init(self, scene: Scene, agent: str | int) -> IdmMemory:
         """See `EgoPolicy`; `ValueError` where the agent has no path to follow."""

@@ -36,9 +36,33 @@ UsageError: Any = typer.BadParameter.__mro__[1]
 app = typer.Typer(
     help="Agents that differ in foresight: simulate them, infer it, judge who predicts best.",
     no_args_is_help=True,
+    context_settings={"help_option_names": ["-h", "--help"]},  # of all subcommands, too
     add_completion=False,
     pretty_exceptions_enable=False,
 )
+
+
+def _print_version(wanted: bool) -> bool:
+    if wanted:
+        from foresight_env import __version__
+
+        typer.echo(f"foresight_env {__version__}")
+        raise typer.Exit
+    return wanted
+
+
+@app.callback()
+def root(
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version", callback=_print_version, is_eager=True, help="Show the version and exit."
+        ),
+    ] = False,
+) -> None:
+    """Options of the command itself."""
+
+
 app.add_typer(evaluate, name="evaluate")
 app.command("benchmark")(benchmark)
 app.command("generate")(generate)

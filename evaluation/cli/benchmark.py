@@ -20,9 +20,8 @@ from evaluation.cli.options import (
     listed,
     plain_errors,
 )
-from foresight_env.names import SCENARIOS, SCENE_NAMES
+from foresight_env.names import DRIVING_BEHAVIOURS, PLACES
 
-PLACE_NAMES = (*(name for name in SCENARIOS if name != "driving"), *SCENE_NAMES)
 PLANNED_NAMES = tuple(f"{name}{PLANNED}" for name in PREDICTOR_NAMES if name != "constant-velocity")
 """The ego "constant-velocity" is the planner with that predictor already."""
 
@@ -41,10 +40,13 @@ def benchmark(
     ] = "test",
     scenarios: Annotated[
         str,
-        typer.Option(help=f"Comma-separated, of {', '.join(PLACE_NAMES)}; empty for none."),
-    ] = ",".join(PLACE_NAMES),
+        typer.Option(help=f"Comma-separated, of {', '.join(PLACES)}; empty for none."),
+    ] = ",".join(PLACES),
     others: Annotated[
-        str, typer.Option(help="What drives the other cars, comma-separated: receding, idm.")
+        str,
+        typer.Option(
+            help=f"What drives the other cars, comma-separated, of {', '.join(DRIVING_BEHAVIOURS)}."
+        ),
     ] = "receding",
     predictors: Annotated[
         str, typer.Option(help="Comma-separated names or module:Class; all, or empty for none.")
@@ -63,15 +65,15 @@ def benchmark(
 ) -> None:
     """Predictors and egos at every place, open loop and closed loop: tables, a CSV and a page.
 
-    An interrupted benchmark goes on where it stopped; more methods, scenarios or episodes are added
+    An interrupted benchmark is resumed; more methods, scenarios or episodes are added
     to what is there.
     """
     from evaluation.reports.benchmark import benchmark as run
     from evaluation.studies.benchmark import Plan
 
     plan = Plan(
-        listed("--scenarios", scenarios, PLACE_NAMES) if scenarios else (),
-        listed("--others", others, ("receding", "idm")),
+        listed("--scenarios", scenarios, PLACES) if scenarios else (),
+        listed("--others", others, DRIVING_BEHAVIOURS),
         _names("--predictors", predictors, PREDICTOR_NAMES),
         _names("--egos", egos, (*ALL_EGO_NAMES, *PLANNED_NAMES)),
         episodes,

@@ -29,6 +29,7 @@ from evaluation.reports.intersection import (
     print_predictions,
     snapshot,
 )
+from evaluation.reports.naming import label_of
 from evaluation.reports.prediction import error_over_time, print_prediction
 from evaluation.reports.tables import (
     print_closed_loop,
@@ -49,7 +50,7 @@ from evaluation.studies import intersection as intersection_study
 from evaluation.studies.closed_loop import ClosedLoop, summarise
 from evaluation.studies.driving import DrivingSetting
 from evaluation.studies.heatmap import heatmap
-from evaluation.studies.intersection import check_moment, check_seen
+from evaluation.studies.intersection import least_observed, observed_steps
 from evaluation.windows.encounters import PREDICTORS, encounters, forecast
 from evaluation.windows.intersection import Choice, load
 from foresight_env.inverse import Profile
@@ -72,15 +73,15 @@ def run_one(ego: str, seed: int, setting: RunSetting, human: bool, out: Path) ->
 
 
 def _draw(console: Console, ego: str, seed: int, setting: RunSetting, out: Path) -> None:
-    with console.status(f"the {ego} ego is on its way (the first steps compile)"):
+    with console.status(f"running ego {label_of(ego)} (the first steps compile)"):
         shown = draw_episode(ego, seed, setting, out)
     last = shown.steps[-1]
     where = setting.scene if setting.scenario == "driving" else setting.scenario
-    table = Table(title=f"{where.replace('_', ' ')}, seed {seed}: ego {ego}")
+    table = Table(title=f"{where.replace('_', ' ')}, seed {seed}: ego {label_of(ego)}")
     table.add_column("quantity")
     table.add_column("value", justify="right")
     table.add_row("end", f"{ending(last.info)} after {last.info['time']:.1f} s")
-    table.add_row("smallest gap to somebody", f"{last.info['min_distance']:.2f} m")
+    table.add_row("smallest gap to others", f"{last.info['min_distance']:.2f} m")
     for j, (mean, deviation) in last.decision.gammas.items():
         gamma = setting.true_gammas(last.info)[j]
         true = "none (plays no game)" if np.isnan(gamma) else f"{gamma:.2f}"
@@ -184,7 +185,7 @@ def evaluate_intersection(
     levels: int,
     sequences: int,
     parameters: str,
-    at: int,
+    at: int | None,
     workers: Workers,
     out: Path,
 ) -> None:
@@ -192,7 +193,7 @@ def evaluate_intersection(
     console = terminal()
     if choice is None:
         first, last = junction_sample.FRAMES
-        check_moment(at, (last - first) // junction_sample.EVERY + 1)
+        observed_steps(at, (last - first) // junction_sample.EVERY + 1)
         made = write_junction_sample(out / "recorded")
         console.print(
             "No --data given: this recording was made by the project itself, in inD's format, from "
@@ -207,8 +208,7 @@ def evaluate_intersection(
             str(junction_sample.NUMBER),
         )
     case = load(choice)
-    check_moment(at, len(case.states))
-    check_seen(case, at)  # now, not after the study
+    known = observed_steps(at, len(case.states), least_observed(case))  # now, not after the study
     where = "the published junction" if case.at_aachen else "open ground"
     agents, steps = ", ".join(case.agents), len(case.states)
     console.print(f"{case.name}: {agents}; {steps} steps of {case.dt:.2f} s; {where}", markup=False)
@@ -218,11 +218,11 @@ def evaluate_intersection(
     print_errors(console, rows)
     print_gammas(console, rows)
     with console.status("predicting from the first steps alone"):
-        predictions = intersection_study.predict(case, at, parameters)
-    print_predictions(console, case, at, predictions)
+        predictions = intersection_study.predict(case, known, parameters)
+    print_predictions(console, case, known, predictions)
     _tell(console, error_over_noise(rows, out / "error_against_noise.png"))
-    snapshot(case, at, predictions, out / f"{SNAPSHOT}.pdf")
-    _tell(console, snapshot(case, at, predictions, out / f"{SNAPSHOT}.png"))
+    snapshot(case, known, predictions, out / f"{SNAPSHOT}.pdf")
+    _tell(console, snapshot(case, known, predictions, out / f"{SNAPSHOT}.png"))
 
 
 def evaluate_prediction(

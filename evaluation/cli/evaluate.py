@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal, get_args
+from typing import Annotated, Literal
 
 import typer
 
@@ -25,7 +25,7 @@ from evaluation.cli.options import (
     listed,
     plain_errors,
 )
-from foresight_env.names import SCENE_NAMES, DrivingBehaviour, Observation
+from foresight_env.names import DRIVING_BEHAVIOURS, SCENE_NAMES, Observation
 
 evaluate = typer.Typer(no_args_is_help=True, help="Compare methods over many trials; figures.")
 
@@ -60,7 +60,7 @@ def evaluate_crosswalk(
 ) -> None:
     """Compare egos in the closed loop, and estimation errors over noise; tables and figures.
 
-    Interrupted studies go on where they stopped. The paper's size is --levels 50 --sequences 50.
+    Interrupted studies are resumed. The paper's size is --levels 50 --sequences 50.
     """
     names = chosen_agents("--egos", egos, CROSSWALK_EGO_NAMES)
     check_noise(noise_std)
@@ -91,7 +91,9 @@ def evaluate_driving(
     ] = SCENE_NAMES[0],
     others: Annotated[
         str,
-        typer.Option(help="What the other cars do, comma-separated: receding (the game), idm."),
+        typer.Option(
+            help=f"What the other cars do, comma-separated, of {', '.join(DRIVING_BEHAVIOURS)}."
+        ),
     ] = "receding,idm",
     egos: Annotated[
         str, typer.Option(help=f"Comma-separated, of {', '.join(DRIVING_EGO_NAMES)}.")
@@ -105,13 +107,13 @@ def evaluate_driving(
 ) -> None:
     """Egos that turn, merge, change lanes and go round among other cars; tables and figures.
 
-    Interrupted studies go on where they stopped; more --episodes, --scenes or --egos are added to
+    Interrupted studies are resumed; more --episodes, --scenes or --egos are added to
     what is there. Ten seeds of one scene take one to three minutes on two cores.
     """
     check_noise(noise_std)
     chosen = (
         listed("--scenes", scenes, SCENE_NAMES),
-        listed("--others", others, get_args(DrivingBehaviour)),
+        listed("--others", others, DRIVING_BEHAVIOURS),
         chosen_agents("--egos", egos, DRIVING_EGO_NAMES),
     )
     from evaluation.cli import demonstration
@@ -170,7 +172,14 @@ def evaluate_intersection(
     ] = "goals",
     levels: Annotated[int, typer.Option(min=1, help="Noise levels, std 0 to 0.1.")] = 6,
     sequences: Annotated[int, typer.Option(min=1, help="Noisy sequences per level.")] = 10,
-    at: Annotated[int, typer.Option(help="Steps that the prediction's picture has seen.")] = 15,
+    at: Annotated[
+        int | None,
+        typer.Option(
+            help="Observed steps that the predictions begin after; default: half of the window, "
+            "at most 15.",
+            show_default=False,
+        ),
+    ] = None,
     workers: WorkersOption = None,
     cluster: ClusterOption = None,
     out: OutOption = Path("results/intersection"),

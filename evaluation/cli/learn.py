@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from evaluation.cli.benchmark import PLACE_NAMES
+from agents.registry import FORECASTERS
 from evaluation.cli.options import (
     ClusterOption,
     OutOption,
@@ -16,23 +16,19 @@ from evaluation.cli.options import (
     listed,
     plain_errors,
 )
+from evaluation.training.names import PPO, SPLITS, TRAINABLE
 from foresight_env.extras import require
-
-SPLITS = ("train", "validation", "test")
-FORECASTERS = ("social-lstm", "transformer")
-PPO = "ppo"
-"""Learns by trying; all others from data."""
-TRAINABLE_NAMES = (*FORECASTERS, "gamma", "cloned", PPO)
+from foresight_env.names import PLACES
 
 
 @plain_errors
 def generate(
     scenarios: Annotated[
-        str, typer.Argument(help=f"Comma-separated, of {', '.join(PLACE_NAMES)}.")
+        str, typer.Argument(help=f"Comma-separated, of {', '.join(PLACES)}.")
     ] = "crosswalk",
     episodes: Annotated[int, typer.Option(min=1, help="Of every scenario.")] = 100,
     split: Annotated[
-        str, typer.Option(help="train, validation or test: each has seeds of its own.")
+        str, typer.Option(help=f"One of {', '.join(SPLITS)}: each has its own seeds.")
     ] = "train",
     workers: WorkersOption = None,
     cluster: ClusterOption = None,
@@ -42,21 +38,22 @@ def generate(
 
     In OUT/SPLIT, as Parquet; what is there already is kept.
     """
-    places = listed("SCENARIOS", scenarios, PLACE_NAMES)
+    places = listed("SCENARIOS", scenarios, PLACES)
     if split not in SPLITS:
         raise ValueError(f"--split: is {split!r}; choose from {', '.join(SPLITS)}")
+    from evaluation.reports.failures import errors_of, failed
     from evaluation.training.generation import generate as run
 
     rows = run(out / split, places, episodes, split, chosen_workers(workers, cluster))
-    broken = [row for row in rows if row["error"]]
-    typer.echo(f"episodes: {len(rows) - len(broken)} in {out / split}")
-    for row in broken[:3]:
-        typer.echo(f"broken: {row['place']} {row['seed']}: {row['error']}", err=True)
+    errors = errors_of(rows)
+    typer.echo(f"episodes: {len(rows) - len(errors)} in {out / split}")
+    if errors:
+        typer.echo(failed(errors), err=True)
 
 
 @plain_errors
 def train(
-    name: Annotated[str, typer.Argument(help=f"One of {', '.join(TRAINABLE_NAMES)}.")],
+    name: Annotated[str, typer.Argument(help=f"One of {', '.join(TRAINABLE)}.")],
     episodes: Annotated[
         str, typer.Option(help="Folders of foresight generate, comma-separated; ppo needs none.")
     ] = "results/episodes",
@@ -76,11 +73,11 @@ def train(
     seed: Annotated[int, typer.Option(min=0, help="Of weights and order.")] = 0,
     out: OutOption = Path("results/training"),
 ) -> None:
-    """Train a network; a training that was interrupted goes on, to the same end.
+    """Train a network; training resumes after interruption, with the same result.
 
     OUT/NAME gets the weights, what they are of, and the learning curve.
     """
-    listed("NAME", name, TRAINABLE_NAMES)
+    listed("NAME", name, TRAINABLE)
     if data is not None and name not in FORECASTERS:
         raise ValueError(f"--data: {name} learns from episodes only; leave it out")
     require("learned", "train")

@@ -79,12 +79,25 @@ def listed(option: str, text: str, known: Sequence[str]) -> tuple[str, ...]:
 
 
 def chosen_agents(option: str, text: str, known: Sequence[str]) -> tuple[str, ...]:
-    """The same, where names may also be what the registry can make."""
+    """The same, where names may also be what the registry can make.
+
+    Raises:
+        ValueError: a name is unknown, or two agents would have the same name in tables.
+    """
     names = tuple(dict.fromkeys(name.strip() for name in text.split(",")))
-    listed(option, ",".join(name for name in names if not is_custom(name)) or known[0], known)
+    plain = [name for name in names if not is_custom(name)]
+    listed(option, ",".join(plain) or known[0], known)
     for name in names:
         check_extra(name)
-    make_all(option, [name for name in names if is_custom(name)])
+    shown = dict(zip(plain, plain, strict=True))
+    custom = [name for name in names if is_custom(name)]
+    for name, agent in zip(custom, make_all(option, custom), strict=True):
+        other = shown.setdefault(str(agent.name), name)
+        if other != name:
+            raise ValueError(
+                f"{option}: {other} and {name} are both named {agent.name!r}; give each agent its "
+                "own name"
+            )
     return names
 
 
@@ -97,13 +110,12 @@ def look_here() -> None:
         sys.path.insert(0, os.getcwd())
 
 
-def make_all(option: str, names: Sequence[str]) -> None:
-    """Make agents once, so that what is wrong with them is told before anything runs."""
+def make_all(option: str, names: Sequence[str]) -> list[Any]:
+    """Make and return agents, so that errors in them are raised before anything runs."""
     if not names:
-        return
+        return []
     look_here()
-    for name in names:
-        (make_predictor if option == "--predictors" else make_ego)(name)
+    return [(make_predictor if option == "--predictors" else make_ego)(name) for name in names]
 
 
 def check_noise(std: float) -> None:

@@ -9,10 +9,10 @@ from typing import Any
 from distributed import Client, as_completed
 from distributed.diagnostics.plugin import WorkerPlugin
 
+from evaluation.execution.code import code_digest
 from evaluation.execution.process import prepare_worker
 from evaluation.execution.store import Row, Trial
 from evaluation.execution.trial import Attempt
-from foresight_env import __version__
 from foresight_env.compilation import enable_compilation_cache
 
 PATIENCE = 30.0
@@ -58,12 +58,8 @@ def cluster_results(attempt: Attempt, trials: Sequence[Trial], address: str) -> 
             future.release()
 
 
-def _version() -> str:
-    return __version__
-
-
 def _check(client: Client, address: str) -> None:
-    """Workers are there, have one thread each and the same version of this library."""
+    """Workers are there, have one thread each and the same code as this process."""
     try:
         client.wait_for_workers(1, timeout=PATIENCE)
     except TimeoutError as error:
@@ -76,11 +72,12 @@ def _check(client: Client, address: str) -> None:
             f"--cluster: a worker of {address} has {threads} threads; start them with --nthreads 1"
         )
     try:
-        versions = set(client.run(_version).values())
+        codes = set(client.run(code_digest).values())
     except ImportError as error:
         raise OSError(f"--cluster: a worker of {address} lacks this library ({error})") from error
-    if versions != {__version__}:
+    if codes != {code_digest()}:
         raise OSError(
-            f"--cluster: workers of {address} have foresight_env {', '.join(sorted(versions))}; "
-            f"expected {__version__}"
+            f"--cluster: workers of {address} have other code of foresight_env "
+            f"({', '.join(sorted(codes))}); expected {code_digest()}: install the same version "
+            "there and restart the workers"
         )

@@ -13,7 +13,7 @@ def present(results: Results) -> tuple[Results, int]:
     """Results with one setting of each agent, and how many rows of others were left out.
 
     The one that the registry makes now, or the last that was stored where none is of that or where
-    the agent, somebody's own, cannot be made here.
+    the agent, a user's, cannot be made here.
     """
     column = next((name for name in MAKERS if results.rows and name in results.rows[0]), None)
     if column is None or "settings" not in results.rows[0]:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 OURS = ("agents", "foresight_env")
-"""Packages whose version stands in the manifest of every results folder."""
+"""Packages whose code is part of `code_digest`."""
 
 
 def fingerprint(agent: Any) -> str:

@@ -5,16 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import closing
 
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
-
 from evaluation.execution.local import Workers, results
+from evaluation.execution.progress import progress
 from evaluation.execution.store import Row, Store, Trial
 from evaluation.execution.trial import Attempt
 
@@ -32,32 +24,26 @@ def run_trials(
 
     Rows are written `chunk` at a time, so that an interruption loses little.
     """
-    finished = store.finished()
+    keys = {tuple(t[k] for k in store.key) for t in trials}
+    before = _rows(store, keys)
+    finished = {tuple(row[k] for k in store.key) for row in before}
     todo = [t for t in trials if tuple(t[k] for k in store.key) not in finished]
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-    )
+    failed = sum(bool(row["error"]) for row in before)
     pending: list[Row] = []
-    with Progress(*columns) as progress:
-        task = progress.add_task(label, total=len(trials), completed=len(trials) - len(todo))
-
-        def done(row: Row) -> None:
-            pending.append(row)
-            progress.advance(task)
-            if len(pending) >= chunk:
-                store.append(pending)
-                pending.clear()
-
+    with progress(label, len(trials), len(trials) - len(todo), failed) as shown:
         try:
-            # Closed also when a row cannot be written: else workers would go on.
+            # Closed also when a row cannot be written: else workers would keep running.
             with closing(results(Attempt(function, store.key), todo, workers)) as rows:
                 for row in rows:
-                    done(row)
+                    pending.append(row)
+                    shown.advance(bool(row["error"]))
+                    if len(pending) >= chunk:
+                        store.append(pending)
+                        pending.clear()
         finally:
             store.append(pending)
-    keys = {tuple(t[k] for k in store.key) for t in trials}
+    return _rows(store, keys)
+
+
+def _rows(store: Store, keys: set[tuple[object, ...]]) -> list[Row]:
     return [row for row in store.rows() if tuple(row[k] for k in store.key) in keys]

@@ -1,7 +1,7 @@
 """Results on disk: Parquet parts written atomically, and a manifest that says what they are of.
 
-A folder belongs to one configuration. An interrupted study goes on where it stopped: trials that
-have a row are not run again.
+A folder belongs to one study, one configuration and one state of the code (`code_digest`). An
+interrupted study is resumed: trials that have a row are not run again.
 """
 
 from __future__ import annotations
@@ -15,13 +15,17 @@ from typing import Any, NamedTuple
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from evaluation.execution.code import code_digest
 from foresight_env import __version__
 from foresight_env.files import write_atomically
 
 Trial = dict[str, Any]
 """Arguments of one trial; holds at least the store's key columns."""
 Row = dict[str, Any]
-"""Result of one trial: the key columns, its values, and `error` where it broke."""
+"""Result of one trial: the key columns, its values, and `error` where it failed."""
+
+
+UNKNOWN = "unknown"
 
 
 class StoreError(ValueError):
@@ -49,8 +53,8 @@ class Store:
             (self.folder / "manifest.json").unlink()
         wanted = {
             "study": study,
+            "code": code_digest(),
             "configuration": json.loads(json.dumps(configuration)),
-            "version": __version__,
         }
         manifest = self.folder / "manifest.json"
         try:
@@ -61,7 +65,7 @@ class Store:
                 if kept != wanted:
                     raise StoreError(
                         f"{self.folder}: holds results of {_difference(kept, wanted)}; "
-                        "choose another folder or delete this one"
+                        "choose another folder, or delete this one to run all trials again"
                     )
             else:
                 # A kill may have left a hidden file of `write_atomically`.
@@ -70,8 +74,12 @@ class Store:
                         f"{self.folder}: is not empty and has no manifest.json; choose another "
                         "folder"
                     )
-                machine = {"python": platform.python_version(), "machine": platform.machine()}
-                text = json.dumps({**wanted, "key": key, **machine}, indent=2)
+                made = {
+                    "version": __version__,
+                    "python": platform.python_version(),
+                    "machine": platform.machine(),
+                }
+                text = json.dumps({**wanted, "key": key, **made}, indent=2)
                 write_atomically(manifest, text.encode())
         except OSError as error:
             raise StoreError(f"{self.folder}: cannot be written ({error.strerror})") from error
@@ -116,24 +124,27 @@ class Results(NamedTuple):
     folder: Path
     study: str
     configuration: dict[str, Any]
+    code: str
+    """Digest of the code that made them, see `code_digest`."""
     version: str
-    """Of this library, that made them."""
+    """Version of this library that made them."""
     machine: str
     rows: list[Row]
 
 
 def read_results(folder: Path) -> Results:
-    """A folder of results as it is; what a row lacks (where a trial broke) is None."""
+    """A folder of results as it is; what a row lacks (where a trial failed) is None."""
     manifest = folder / "manifest.json"
     try:
         told = json.loads(manifest.read_text())
-        study, version = str(told["study"]), str(told["version"])
+        study, code = str(told["study"]), str(told.get("code", UNKNOWN))
+        version = str(told.get("version", UNKNOWN))
         configuration = dict(told["configuration"])
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise StoreError(f"{manifest}: is no manifest of results ({error})") from error
     machine = f"Python {told.get('python', '?')}, {told.get('machine', '?')}"
     rows = _read_parts(folder, tuple(told.get("key", ())))
-    return Results(folder, study, configuration, version, machine, rows)
+    return Results(folder, study, configuration, code, version, machine, rows)
 
 
 def _read_parts(folder: Path, key: tuple[str, ...]) -> list[Row]:
@@ -164,7 +175,9 @@ def _read_part(part: Path) -> list[Row]:
 
 def _difference(kept: Mapping[str, Any], wanted: Mapping[str, Any]) -> str:
     """In what two manifests differ."""
-    parts = [f"another {n} ({kept[n]})" for n in ("study", "version") if kept[n] != wanted[n]]
+    parts = [f"another study ({kept['study']})"] if kept["study"] != wanted["study"] else []
+    if kept["code"] != wanted["code"]:
+        parts.append(f"other code ({kept['code'] or UNKNOWN}; this is {wanted['code']})")
     old, new = kept["configuration"] or {}, wanted["configuration"]
     if old != new:
         names = sorted(n for n in old.keys() | new.keys() if old.get(n) != new.get(n))

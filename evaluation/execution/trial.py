@@ -31,7 +31,7 @@ class Attempt:
             return self.failed(trial, f"{type(error).__name__}: {error} ({place})")
 
     def failed(self, trial: Trial, told: str) -> Row:
-        """The row of a trial that broke."""
+        """The row of a trial that failed."""
         return {**self._key(trial), "error": told}
 
     def _key(self, trial: Trial) -> Row:

@@ -117,7 +117,7 @@ def best_displacement(
     present: Bool[np.ndarray, "K A"],
     count: int,
 ) -> tuple[float, float]:
-    """minADE_k and minFDE_k: `displacement` of the best joint future among the `count` most_likely.
+    """minADE_k and minFDE_k: `displacement` of the best joint future among the `count` most likely.
 
     Chosen by ADE, all agents together (Gupta et al., "Social GAN", CVPR 2018).
     """

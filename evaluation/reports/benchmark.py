@@ -52,12 +52,12 @@ def recorded_parts(rows: Sequence[Row], predictors: Sequence[str]) -> list[Part]
     found = []
     for source, split in sorted({(r["source"], r["split"]) for r in rows}):
         methods: dict[str, Keyed] = {name: {} for name in predictors}
-        broken = dict.fromkeys(predictors, 0)
+        errors: dict[str, list[str]] = {name: [] for name in predictors}
         for row in rows:
             if (row["source"], row["split"]) != (source, split):
                 continue
             if row["error"]:
-                broken[row["predictor"]] += 1
+                errors[row["predictor"]].append(row["error"])
                 continue
             case = {
                 **row,
@@ -66,7 +66,7 @@ def recorded_parts(rows: Sequence[Row], predictors: Sequence[str]) -> list[Part]
                 "failed": int(row["fallback"]),
             }
             methods[row["predictor"]][tuple(row[k] for k in WINDOW)] = row["group"], case
-        found.append(open_part(f"{source.upper()}, {split}", common(methods), broken))
+        found.append(open_part(f"{source.upper()}, {split}", common(methods), errors))
     return found
 
 
@@ -78,19 +78,19 @@ def simulated_parts(rows: Sequence[Row], plan: Plan) -> list[Part]:
     found = []
     for place in plan.places if rows else ():
         methods: dict[str, Keyed] = {name: {} for name in plan.predictors}
-        broken = dict.fromkeys(plan.predictors, 0)
+        errors: dict[str, list[str]] = {name: [] for name in plan.predictors}
         for row in rows:
             if row["place"] != place:
                 continue
             if row["error"]:
-                broken[row["predictor"]] += 1
+                errors[row["predictor"]].append(row["error"])
                 continue
             for k, seconds in enumerate(row["seconds"]):
                 case = {name: row[name][k] for name in PER_WINDOW}
                 case |= {"agents": row["agents"][k], "seconds": [seconds]}
                 case |= {"failed": int(row["fallback"][k])}
                 methods[row["predictor"]][(row["seed"], k)] = row["seed"], case
-        found.append(open_part(place, common(methods), broken))
+        found.append(open_part(place, common(methods), errors))
     return found
 
 
@@ -100,12 +100,12 @@ def driven_parts(rows: Sequence[Row], plan: Plan) -> list[Part]:
     for place, others in plan.pairs() if rows else ():
         egos = plan.egos_of(place)
         methods: dict[str, Keyed] = {name: {} for name in egos}
-        broken = dict.fromkeys(egos, 0)
+        errors: dict[str, list[str]] = {name: [] for name in egos}
         for row in rows:
             if (row["place"], row["others"]) != (place, others):
                 continue
             if row["error"]:
-                broken[row["ego"]] += 1
+                errors[row["ego"]].append(row["error"])
                 continue
             case = {
                 **row,
@@ -114,5 +114,5 @@ def driven_parts(rows: Sequence[Row], plan: Plan) -> list[Part]:
             }
             methods[row["ego"]][row["seed"]] = row["seed"], case
         name = f"{place}, among {OTHERS[others]}" if is_driving(place) else place
-        found.append(closed_part(name, common(methods), broken))
+        found.append(closed_part(name, common(methods), errors))
     return found

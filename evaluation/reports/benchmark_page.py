@@ -13,6 +13,7 @@ from rich.table import Table
 
 from evaluation.reports.benchmark_results import CLOSED, OPEN, Line, Metric, Part, Value
 from evaluation.reports.digits import significant
+from evaluation.reports.failures import failed
 from evaluation.reports.naming import label_of
 from foresight_env import __version__
 from foresight_env.files import write_atomically
@@ -87,9 +88,9 @@ def print_parts(console: Console, parts: Sequence[Part], *, everything: bool = F
             )
         console.print(table)
         for line in part.lines:
-            if line.values["broken"].mean > 0.0:
-                told = f"{line.values['broken'].mean:.0f} trials of {line.method} broke"
-                console.print(f"[red]{escape(told)}; their rows in the results say why[/red]")
+            if line.errors:
+                told = f"{label_of(line.method)}: {failed(line.errors)}"
+                console.print(f"[red]{escape(told)}[/red]")
     console.print(
         "Best first; closed loop: by collisions, then by time to goal, which counts the time limit "
         "where the goal was not reached unharmed and gives the rank. Brackets: 95 % intervals of "
@@ -104,8 +105,8 @@ def title(part: Part) -> str:
     return f"{place[0].upper()}{place[1:]}: {counts[0] if counts else 'no'} {part.cases}"
 
 
-def _any_broken(part: Part) -> bool:
-    return any(line.values["broken"].mean > 0.0 for line in part.lines)
+def _any_failed(part: Part) -> bool:
+    return any(line.errors for line in part.lines)
 
 
 def write_page(parts: Sequence[Part], path: Path, subtitle: str) -> Path:
@@ -120,7 +121,7 @@ def write_page(parts: Sequence[Part], path: Path, subtitle: str) -> Path:
         metrics=list(metrics.values()),
         cell=cell,
         span=span,
-        any_broken=_any_broken,
+        any_failed=_any_failed,
         subtitle=subtitle,
         version=__version__,
     )

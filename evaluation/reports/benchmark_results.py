@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -14,6 +14,7 @@ from jaxtyping import Float
 from evaluation.execution.store import Row
 from evaluation.metrics.ranks import Rank, ranks
 from evaluation.metrics.statistics import Interval, clustered_interval, share_interval
+from evaluation.reports.naming import label_of
 from foresight_env.files import write_atomically
 
 OPEN, CLOSED = "open loop", "closed loop"
@@ -33,9 +34,9 @@ class Metric(NamedTuple):
 
 
 ADE = Metric("ADE", "m", "mean distance between prediction and truth", True)
-FDE = Metric("FDE", "m", "the same at the last step at which somebody is there")
+FDE = Metric("FDE", "m", "the same at the last step at which an agent is there")
 MISSED = Metric("missed", "%", "agents predicted more than 2 m off at that step")
-BEST = Metric("best of 5", "m", "ADE of the best of the five most_likely joint futures")
+BEST = Metric("best of 5", "m", "ADE of the best of the five most likely joint futures")
 NLL = Metric("NLL", "", "minus the log of the probability density (1/m^2) given to the truth")
 HARM = Metric("collided", "%", "episodes that ended in a collision or off the road", True, True)
 REACHED = Metric("goal", "%", "episodes in which the ego reached its goal unharmed", share=True)
@@ -47,12 +48,12 @@ GAP = Metric("least gap", "m", "least distance between footprints, negative wher
 AHEAD = Metric("1 s ahead", "m", "how far off the ego's own predictions of others were after 1 s")
 P50 = Metric("p50", "ms", "median time of a prediction or decision, compilation apart")
 P99 = Metric("p99", "ms", "99th percentile of it")
-FAILED = Metric("failed", "", "predictions that fell back on constant velocity; plans and fits that"
-                " failed")  # fmt: skip
-BROKEN = Metric("broken", "", "trials that raised an exception")
+FAILED = Metric("failed", "", "predictions replaced by the fallback, constant velocity; an ego's"
+                " plans and fits that failed")  # fmt: skip
+FAILED_TRIALS = Metric("failed trials", "", "trials that raised an exception")
 
-OPEN_METRICS = (ADE, FDE, MISSED, BEST, NLL, P50, P99, FAILED, BROKEN)
-CLOSED_METRICS = (HARM, REACHED, TIME, COST, GAP, AHEAD, P50, P99, FAILED, BROKEN)
+OPEN_METRICS = (ADE, FDE, MISSED, BEST, NLL, P50, P99, FAILED, FAILED_TRIALS)
+CLOSED_METRICS = (HARM, REACHED, TIME, COST, GAP, AHEAD, P50, P99, FAILED, FAILED_TRIALS)
 
 
 class Value(NamedTuple):
@@ -72,6 +73,8 @@ class Line(NamedTuple):
     """Windows, or episodes."""
     values: dict[str, Value]
     """By the metric's name."""
+    errors: tuple[str, ...] = ()
+    """Of the trials that failed."""
 
 
 class Part(NamedTuple):
@@ -89,7 +92,7 @@ Cases = list[tuple[Hashable, Row]]
 """A method's windows or episodes with the cluster that each belongs to, in a common order."""
 
 
-def open_part(place: str, methods: dict[str, Cases], broken: dict[str, int]) -> Part:
+def open_part(place: str, methods: dict[str, Cases], errors: Mapping[str, Sequence[str]]) -> Part:
     """Predictions at one place; every method has the same windows."""
     columns: dict[Metric, Callable[[Row], float]] = {
         ADE: lambda r: r["average_error"],
@@ -98,11 +101,11 @@ def open_part(place: str, methods: dict[str, Cases], broken: dict[str, int]) -> 
         BEST: lambda r: r["best_average_error"],
         NLL: lambda r: _number(r["nll"]),
     }
-    lines = _lines(methods, broken, columns, (ADE,))
+    lines = _lines(methods, errors, columns, (ADE,))
     return Part(OPEN, place, "windows", OPEN_METRICS, _sorted(lines, ADE))
 
 
-def closed_part(place: str, methods: dict[str, Cases], broken: dict[str, int]) -> Part:
+def closed_part(place: str, methods: dict[str, Cases], errors: Mapping[str, Sequence[str]]) -> Part:
     """Driving at one place; every method has the same seeds."""
     columns: dict[Metric, Callable[[Row], float]] = {
         HARM: lambda r: 100.0 * (r["collision"] or r["off_road"]),
@@ -112,7 +115,7 @@ def closed_part(place: str, methods: dict[str, Cases], broken: dict[str, int]) -
         GAP: lambda r: r["min_gap"],
         AHEAD: lambda r: _number(r["prediction_error"]),
     }
-    lines = _lines(methods, broken, columns, (HARM, TIME))
+    lines = _lines(methods, errors, columns, (HARM, TIME))
     return Part(CLOSED, place, "episodes", CLOSED_METRICS, _sorted(lines, HARM, TIME))
 
 
@@ -130,11 +133,11 @@ def _sorted(lines: list[Line], *metrics: Metric) -> tuple[Line, ...]:
 
 def _lines(
     methods: dict[str, Cases],
-    broken: dict[str, int],
+    errors: Mapping[str, Sequence[str]],
     columns: dict[Metric, Callable[[Row], float]],
     ranked: tuple[Metric, ...],
 ) -> list[Line]:
-    """A line per method that has cases; methods without any are told by their broken trials."""
+    """A line per method that has cases; methods without any have their failed trials."""
     full = {name: cases for name, cases in methods.items() if cases}
     clusters = [cluster for cluster, _ in next(iter(full.values()), [])]
     values = {
@@ -151,9 +154,11 @@ def _lines(
             places[metric] = dict(zip(full, found, strict=True))
     lines = []
     for name in methods:
+        mine = tuple(errors.get(name, ()))
         if name not in full:
             empty = {metric.name: Value(float("nan")) for metric in columns}
-            lines.append(Line(name, 0, {**empty, BROKEN.name: Value(broken.get(name, 0))}))
+            values_of = {**empty, FAILED_TRIALS.name: Value(float(len(mine)))}
+            lines.append(Line(name, 0, values_of, mine))
             continue
         cells = {
             metric.name: _value(
@@ -165,8 +170,8 @@ def _lines(
         times = 1e3 * np.concatenate([row["seconds"] for row in rows])
         cells[P50.name], cells[P99.name] = (Value(float(q)) for q in np.percentile(times, [50, 99]))
         cells[FAILED.name] = Value(float(sum(row["failed"] for row in rows)))
-        cells[BROKEN.name] = Value(float(broken.get(name, 0)))
-        lines.append(Line(name, len(rows), cells))
+        cells[FAILED_TRIALS.name] = Value(float(len(mine)))
+        lines.append(Line(name, len(rows), cells, mine))
     return lines
 
 
@@ -199,7 +204,7 @@ def common(methods: dict[str, dict[Hashable, tuple[Hashable, Row]]]) -> dict[str
 
 
 def write_csv(parts: Sequence[Part], path: Path) -> Path:
-    """A line per loop, place, method and metric; numbers in full."""
+    """A line per loop, place, method and metric, methods as tables show them; numbers in full."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(
@@ -216,7 +221,7 @@ def write_csv(parts: Sequence[Part], path: Path) -> Path:
                     (
                         part.loop,
                         part.place,
-                        line.method,
+                        label_of(line.method),
                         line.cases,
                         name,
                         units[name],

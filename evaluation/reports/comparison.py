@@ -7,6 +7,7 @@ from pathlib import Path
 
 from evaluation.execution.latest_rows import present
 from evaluation.execution.store import Results, read_results
+from evaluation.reports.failures import errors_of, failed
 from evaluation.reports.published import compared
 from foresight_env.files import write_atomically
 
@@ -20,7 +21,7 @@ NOTES = {
     "estimation": "The reference's descents begin at the true parameters, this library's at random "
     "discount factors and last observed positions. From noisy positions alone speeds are hardly "
     "seen: a descent that begins at the truth and stays near it then errs less than the best fit "
-    "does, and gamma = 1 fits about as well as gamma inferred. The bound is that of small noise: "
+    "does, and assume-gamma-1 fits about as well as infer-gamma. The bound is that of small noise: "
     "from positions, limits on speeds and discount factors keep errors below it.",
     "intersection": "The reference's window is one of inD's. Without it (`make paper DATA=...`) "
     "the study runs on a recording that the project makes itself: then errors do not compare, only "
@@ -49,9 +50,9 @@ def write_comparison(folder: Path, path: Path) -> Path:
 
 
 def _section(results: Results) -> str:
-    broken = sum(bool(row["error"]) for row in results.rows)
-    told = f"{len(results.rows)} trials, {broken} of them broken; {results.machine}, "
-    lines = [f"## {TITLES[results.study]}", "", told + f"foresight_env {results.version}.", ""]
+    counted = f"{len(results.rows)} trials, {failed(errors_of(results.rows))}"
+    made = f"{results.machine}, foresight_env {results.version}, code {results.code}."
+    lines = [f"## {TITLES[results.study]}", "", f"{counted}. {made}", ""]
     if results.study in NOTES:
         lines += [NOTES[results.study], ""]
     lines += _table(("measured", "reference", "paper", "this library"), compared(results))

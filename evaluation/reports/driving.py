@@ -14,8 +14,9 @@ from rich.markup import escape
 from rich.table import Table
 
 from evaluation.execution.store import Row
+from evaluation.reports.failures import errors_of, failed
 from evaluation.reports.figures import save
-from evaluation.reports.naming import OTHERS, colour_of, label_of
+from evaluation.reports.naming import OTHERS, colour_of, heading_of, label_of
 from evaluation.reports.tables import mean_and_half
 from evaluation.rollout.endings import COLLISION, OFF_ROAD, REACHED, TIME_OUT
 from evaluation.studies.driving import (
@@ -46,25 +47,23 @@ def print_driving(
     for scene in scenes:
         for other in others:
             found = [summarise(rows, scene, other, ego) for ego in egos]
-            console.print(_table(place(scene, other), [s for s in found if s is not None]))
+            finished = [s for s in found if s is not None]
+            console.print(_table(place(scene, other), finished, console.width))
             if "infer-gamma" in egos:
                 _print_paired(console, rows, scene, other, egos)
     console.print(
-        "time to goal: the time limit where it was not reached. at fault: the ego moved, and whom "
-        "it touched was ahead of its middle. Accelerations and jerk: root mean squares."
+        "time to goal: the time limit where it was not reached. at fault: the ego moved, and the "
+        "car that it hit was ahead of its middle. Accelerations and jerk: root mean squares."
     )
-    broken = [r for r in rows if r["error"]]
-    for row in broken[:3]:
-        console.print(f"[red]broken: {escape(str(row['error']))}[/red]")
-    if broken:
-        console.print(f"[red]{len(broken)} trials broke; their rows say why[/red]")
+    if errors := errors_of(rows):
+        console.print(f"[red]{escape(failed(errors))}[/red]")
 
 
-def _table(title: str, summaries: Sequence[Summary]) -> Table:
+def _table(title: str, summaries: Sequence[Summary], width: int) -> Table:
     table = Table(title=title)
     table.add_column("", no_wrap=True)
     for s in summaries:
-        table.add_column(label_of(s.ego), justify="right")
+        table.add_column(escape(heading_of(s.ego, width)), justify="right")
     ends = {
         COLLISION: [f"{s.ends[COLLISION]} ({s.faults} at fault)" for s in summaries],
         **{e: [str(s.ends[e]) for s in summaries] for e in (OFF_ROAD, REACHED, TIME_OUT)},
@@ -86,8 +85,8 @@ def _table(title: str, summaries: Sequence[Summary]) -> Table:
         "failed plans, fits": [f"{s.failed_plans}, {s.failed_fits}" for s in summaries],
         "others' failed solves": [str(s.oracle_failures) for s in summaries],
     }
-    if any(s.broken for s in summaries):
-        lines["broken trials"] = [str(s.broken) for s in summaries]
+    if any(s.failed for s in summaries):
+        lines["failed trials"] = [str(s.failed) for s in summaries]
     for name, cells in lines.items():
         table.add_row(escape(name), *cells)
     return table
@@ -96,12 +95,12 @@ def _table(title: str, summaries: Sequence[Summary]) -> Table:
 def _print_paired(
     console: Console, rows: Sequence[Row], scene: str, others: str, egos: Sequence[str]
 ) -> None:
-    console.print("gamma inferred minus, same seeds:")
+    console.print("infer-gamma minus the others, same seeds:")
     for other in egos:
         found = paired(rows, scene, others, "infer-gamma", other)
         if other != "infer-gamma" and found is not None:
             console.print(
-                f"  {label_of(other)}: collisions {found.collisions:+d}, gap "
+                f"  {escape(label_of(other))}: collisions {found.collisions:+d}, gap "
                 f"{mean_and_half(found.gap)} m, time to goal {mean_and_half(found.time)} s "
                 f"({found.seeds} seeds)"
             )

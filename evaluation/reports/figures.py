@@ -130,7 +130,7 @@ def representative_trial(
             color=colour_of("infer-gamma"),
             label="inferred, 90 % interval" if i == 0 else None,
         )
-    bars.axhline(1.0, color=colour_of("assume-gamma-1"), ls="--", label="baseline: gamma = 1")
+    bars.axhline(1.0, color=colour_of("assume-gamma-1"), ls="--", label=label_of("assume-gamma-1"))
     bars.set_xticks([0, 1], ["agent 0", "agent 1"])
     bars.set_title("inferred discount factors", fontsize=10)
     bars.set_ylim(0.0, 1.1)
@@ -261,7 +261,7 @@ def gamma_over_time(
 
 
 def recorded_encounter(encounter: Encounter, forecasts: Sequence[Judged], path: Path) -> Path:
-    """What was seen, what happened, and what each method predicted."""
+    """Observations, ground truth, and each method's prediction."""
     figure = Figure(figsize=(7.0, 6.0), layout="constrained")
     axes = figure.subplots()
     window = encounter.window
@@ -270,7 +270,7 @@ def recorded_encounter(encounter: Encounter, forecasts: Sequence[Judged], path: 
         axes.plot(*seen.T, ".", color="0.5", label="observed" if a == 0 else None)
         axes.plot(
             *np.concatenate([seen[-1:], window.truth[:, a]]).T, "-", color="black", lw=4, alpha=0.3,
-            label="what happened" if a == 0 else None,
+            label="ground truth" if a == 0 else None,
         )  # fmt: skip
         _name(axes, name, seen[~np.isnan(seen[:, 0])][0])
     for found in forecasts:

@@ -16,6 +16,7 @@ from rich.table import Table
 from evaluation.execution.store import Row
 from evaluation.metrics.statistics import mean_and_error
 from evaluation.reports.digits import significant
+from evaluation.reports.failures import errors_of, failed
 from evaluation.reports.figures import AGENTS, save
 from evaluation.reports.naming import colour_of, label_of
 from evaluation.studies.intersection import METHODS, Prediction
@@ -71,11 +72,12 @@ def print_errors(console: Console, rows: Sequence[Row]) -> None:
                 end_section=method == METHODS[-1],
             )
     console.print(table)
-    console.print("±: bootstrap standard error. ratio: to gamma = 1. ADE: mean distance.")
+    console.print("±: bootstrap standard error. ratio: to assume-gamma-1. ADE: mean distance.")
     unsolved = sum(not r["error"] and not r["solved"] for r in rows)
-    broken = sum(bool(r["error"]) for r in rows)
-    if unsolved or broken:
-        console.print(f"[red]{unsolved} fits not solved, {broken} trials broke[/red]")
+    if unsolved:
+        console.print(f"[red]{unsolved} fits not solved[/red]")
+    if failures := errors_of(rows):
+        console.print(f"[red]{escape(failed(failures))}[/red]")
 
 
 def print_gammas(console: Console, rows: Sequence[Row]) -> None:
@@ -100,7 +102,7 @@ def print_gammas(console: Console, rows: Sequence[Row]) -> None:
         if values:
             table.add_row(kind, "mean", "", f"{np.mean(values):.2f}", "", end_section=True)
     console.print(table)
-    console.print("open: the observations do not tell this discount factor.")
+    console.print("open: not identifiable from the observations.")
 
 
 def print_predictions(
@@ -108,11 +110,11 @@ def print_predictions(
 ) -> None:
     """Errors after the last observation."""
     seconds = case.dt * (len(case.states) - known)
-    table = Table(title=f"Seen {known} steps, predicted the rest ({seconds:.1f} s)")
+    table = Table(title=f"Observed {known} steps, predicted the rest ({seconds:.1f} s)")
     for name in ("method", "ADE [m]", "FDE [m]", "gammas"):
         table.add_column(escape(name))
     for p in predictions:
-        label = label_of(p.method) + ("" if p.solved else " (failed: straight on)")
+        label = label_of(p.method) + ("" if p.solved else " (failed: constant velocity instead)")
         told = "-" if p.gamma is None else ", ".join(f"{g:.2f}" for g in p.gamma)
         table.add_row(label, f"{p.average_error:.2f}", f"{p.final_error:.2f}", told)
     console.print(table)
@@ -144,7 +146,7 @@ def error_over_noise(rows: Sequence[Row], path: Path) -> Path:
 
 
 def snapshot(case: Case, known: int, predictions: Sequence[Prediction], path: Path) -> Path:
-    """The paper's figure: what was seen, what each method expects, what happened."""
+    """The paper's figure: observations, predictions of each method, ground truth."""
     figure = Figure(figsize=(11.0, 5.0), layout="constrained")
     panels = np.atleast_1d(figure.subplots(1, len(predictions), sharex=True, sharey=True))
     shown = case.states[..., :2][case.present]
@@ -181,7 +183,7 @@ def snapshot(case: Case, known: int, predictions: Sequence[Prediction], path: Pa
     panels[0].set_ylim(low[1], high[1])
     panels[0].set_ylabel("y [m]")
     figure.suptitle(
-        f"{case.name}, step {known}: dots seen, coloured lines predicted, broad ones what happened",
+        f"{case.name}, step {known}: observed (dots), predicted (coloured), ground truth (broad)",
         fontsize=9,
     )
     return save(figure, path)

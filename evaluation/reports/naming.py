@@ -1,11 +1,12 @@
 """How egos and predictors are called and coloured in tables and figures.
 
 Colours: Okabe and Ito (2008) for the few that stand in most figures, Tol's muted scheme (2021) for
-all others; both are told apart by the colour-blind.
+all others; both can be distinguished by the colour-blind.
 """
 
 from __future__ import annotations
 
+import textwrap
 from functools import lru_cache
 from typing import Any
 from zlib import crc32
@@ -35,6 +36,9 @@ COLOURS = {
     "cloned": "#882255",
     "ppo": "#7F7F00",
 }
+NARROW, HEADING = 100, 14
+"""Up to which width of a terminal the heads of columns are broken, into lines of how many
+characters."""
 OTHER_COLOURS = ("#DDCC77", "#CC6677", "#88CCEE", "#777777")
 
 
@@ -50,6 +54,18 @@ def label_of(name: str) -> str:
         return str((make_ego if name.endswith(PLANNED) else _either)(name).name)
     except ValueError:
         return name
+
+
+def heading_of(name: str, width: int) -> str:
+    """Return a label for the head of a column, broken into lines where tables are narrow.
+
+    Args:
+        name: Of an ego, predictor or method.
+        width: Of the table's terminal or file, characters.
+    """
+    if width > NARROW:
+        return label_of(name)
+    return "\n".join(textwrap.wrap(label_of(name), HEADING, break_long_words=False))
 
 
 def _either(name: str) -> Any:

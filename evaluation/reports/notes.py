@@ -10,6 +10,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from evaluation.reports.terminal import FILE_WIDTH
+
 
 @dataclass(frozen=True)
 class Shown:
@@ -26,7 +28,7 @@ class Notes(Console):
     """A console whose tables and paragraphs are kept in `kept`, in order."""
 
     def __init__(self) -> None:
-        super().__init__(file=io.StringIO())
+        super().__init__(file=io.StringIO(), width=FILE_WIDTH)
         self.kept: list[Shown | str] = []
 
     def print(self, *objects: Any, **options: Any) -> None:

@@ -11,8 +11,10 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from rich.progress import track
 
+from evaluation.execution.code import code_digest
 from evaluation.execution.latest_rows import present
 from evaluation.execution.store import Row, read_results
+from evaluation.reports.failures import errors_of
 from evaluation.reports.naming import label_of
 from evaluation.reports.notes import Notes, Shown
 from evaluation.reports.published import compared
@@ -47,7 +49,7 @@ class Chapter:
     section: Section
     kept: list[Shown | str]
     failures: list[tuple[str, int, int, str]]
-    """Method, trials, broken trials, what the first of these said."""
+    """Method, trials, failed trials, error of the first of these."""
     published: Sequence[tuple[str, str, str, str]]
     """What was measured, then the reference's number, the paper's and ours."""
     figures: list[Figure]
@@ -81,7 +83,10 @@ def write_report(folder: Path, episodes: int = 4) -> Path:
         for w in track(part.episodes[:episodes], f"replays: {where}", transient=True):
             try:
                 replays.append((replay(w.ego, w.seed, w.setting, w.title), w.why))
-            except (ValueError, ImportError) as error:  # somebody's own ego, which is not here
+            except (
+                ValueError,
+                ImportError,
+            ) as error:  # a user's ego, not importable here
                 notes.print(f"No replay of {w.ego}: {error}", markup=False)
         chapters.append(
             Chapter(
@@ -108,15 +113,15 @@ def _drawn(part: Section, folder: Path, prefix: str) -> list[Figure]:
 
 
 def _failures(rows: Sequence[Row]) -> list[tuple[str, int, int, str]]:
-    """Per method: trials, how many of them broke, and why the first one did."""
+    """Per method: trials, how many of them failed, and the first error."""
     column = next((name for name in METHOD_COLUMNS if name in rows[0]), None)
     methods: dict[str, list[Row]] = {}
     for row in rows:
         methods.setdefault(row[column] if column else "all", []).append(row)
     found = []
     for name, mine in methods.items():
-        broken = [row["error"] for row in mine if row["error"]]
-        found.append((name, len(mine), len(broken), broken[0] if broken else ""))
+        errors = errors_of(mine)
+        found.append((name, len(mine), len(errors), errors[0] if errors else ""))
     return found
 
 
@@ -132,5 +137,6 @@ def _page(folder: Path, chapters: Sequence[Chapter]) -> str:
         replays=replays,
         is_table=lambda thing: isinstance(thing, Shown),
         version=__version__,
+        code=code_digest(),
     )
     return text

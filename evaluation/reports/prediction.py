@@ -13,12 +13,13 @@ from rich.markup import escape
 from rich.table import Table
 
 from evaluation.execution.store import Row
+from evaluation.metrics.prediction import SECONDS
 from evaluation.metrics.ranks import LEAST_GROUPS
 from evaluation.metrics.statistics import clustered_interval
 from evaluation.reports.digits import significant
+from evaluation.reports.failures import failed
 from evaluation.reports.figures import save
 from evaluation.reports.naming import colour_of, label_of
-from evaluation.studies.prediction import SECONDS
 from evaluation.windows.table import WINDOW
 from foresight_env.games.kinds import is_vehicle
 
@@ -49,9 +50,9 @@ def predictors(rows: Sequence[Row]) -> list[str]:
 def _of(rows: Sequence[Row], part: Part, predictor: str) -> list[Row]:
     """One predictor's rows of windows that all predictors have finished, in the same order."""
     mine = [r for r in rows if (r["source"], r["split"]) == part]
-    broken = {tuple(r[k] for k in WINDOW) for r in mine if r["error"]}
+    out = {tuple(r[k] for k in WINDOW) for r in mine if r["error"]}
     kept = [
-        r for r in mine if r["predictor"] == predictor and tuple(r[k] for k in WINDOW) not in broken
+        r for r in mine if r["predictor"] == predictor and tuple(r[k] for k in WINDOW) not in out
     ]
     return sorted(kept, key=lambda r: [r[k] for k in WINDOW])
 
@@ -85,11 +86,11 @@ def summary(rows: Sequence[Row]) -> list[Line]:
                     "windows": len(mine),
                     "ADE [m]": f"{_mean(_column(mine, 'average_error')):.3f}",
                     "missed": f"{_column(mine, 'missed').sum() / agents:.0%}",
-                    "touch (recorded)": (
+                    "predicted collisions (recorded)": (
                         f"{_column(mine, 'overlaps').sum():.0f} "
                         f"({_column(mine, 'overlaps_recorded').sum():.0f})"
                     ),
-                    "fell back": int(_column(mine, "fallback").sum()),
+                    "fallback": int(_column(mine, "fallback").sum()),
                     "ms, p50 / p99": " / ".join(
                         significant(q, 2) for q in np.percentile(times, [50, 99])
                     ),
@@ -213,7 +214,7 @@ CLASSES: dict[str, Callable[[str], bool]] = {
 
 
 def print_prediction(console: Console, rows: Sequence[Row]) -> None:
-    """The tables, and what broke."""
+    """Print the tables and the first error."""
     for title, lines in (
         ("predictions, means over windows", summary(rows)),
         ("errors over time", over_time(rows)),
@@ -230,18 +231,17 @@ def print_prediction(console: Console, rows: Sequence[Row]) -> None:
                 table.add_row(*(escape(str(value)) for value in line.values()))
             console.print(table)
     console.print(
-        "missed: agents predicted more than 2 m off at the last step they are there. touch: pairs "
-        "predicted to touch (recorded: that did). Best of 5: of the five most_likely joint futures "
-        "the one of least ADE. NLL: minus the log of the probability density (1/m^2) that a "
-        "forecast gives to what happened, where it has one; less is better. Brackets: 95 % "
-        "intervals, whole groups of windows that share agents resampled."
+        "missed: agents predicted more than 2 m off at the last step they are there. predicted "
+        "collisions: pairs whose footprints overlap (recorded: in the recording). fallback: "
+        "windows predicted by constant velocity instead. Best of 5: of the five most likely joint "
+        "futures the one of least ADE. NLL: negative log-likelihood (density in 1/m^2) of the "
+        "ground truth, where a forecast has one; less is better. Brackets: 95 % intervals, whole "
+        "groups of windows that share agents resampled."
     )
-    broken = [r for r in rows if r["error"]]
-    if broken:
-        console.print(
-            f"[red]{len(broken)} predictions broke, their windows are left out: "
-            f"{broken[0]['predictor']}: {broken[0]['error']}[/red]"
-        )
+    errors = [f"{label_of(r['predictor'])}: {r['error']}" for r in rows if r["error"]]
+    if errors:
+        console.print(f"[red]{escape(failed(errors, 'prediction'))}[/red]")
+        console.print("Windows of failed predictions are left out for all predictors.")
 
 
 def error_over_time(rows: Sequence[Row], path: Path) -> Path:

@@ -28,7 +28,7 @@ Select = dict[str, Any]
 
 @dataclass(frozen=True)
 class Comparison:
-    """A number that somebody has published, and how it is found in the rows of a study."""
+    """A published number, and how it is computed from the rows of a study."""
 
     what: str
     reference: str
@@ -55,17 +55,17 @@ def _error_without_noise(select: Select, rows: Sequence[Row]) -> str:
 
 
 def _saved(rows: Sequence[Row]) -> str:
-    """How much smaller the error is with gamma inferred: mean over observations and noise."""
+    """How much smaller the error is of infer-gamma: mean over observations and noise."""
     settings = {(r["observation"], r["std"]) for r in rows}
     saved = []
     for observation, std in settings:
         mine = {"observation": observation, "std": std}
-        inferred, farsighted = (
+        inferred, assumed = (
             [r["error_squared"] for r in _chosen(rows, {**mine, "method": m})]
             for m in ("infer-gamma", "assume-gamma-1")
         )
-        if inferred and farsighted:
-            saved.append(1.0 - np.mean(inferred) / np.mean(farsighted))
+        if inferred and assumed:
+            saved.append(1.0 - np.mean(inferred) / np.mean(assumed))
     return f"{100.0 * np.mean(saved):.0f} %" if saved else ""
 
 
@@ -143,19 +143,19 @@ PUBLISHED: dict[str, tuple[Comparison, ...]] = {
     ),
     "driving": (
         Comparison(
-            "left turn, gamma inferred: nearest to another car's middle",
+            "left turn, infer-gamma: nearest to another car's middle",
             "",
             "above 6 m",
             partial(_left_turn, "infer-gamma", _least_distance),
         ),
         Comparison(
-            "left turn, gamma inferred: goal reached",
+            "left turn, infer-gamma: goal reached",
             "",
             "50 of 50",
             partial(_left_turn, "infer-gamma", partial(_ends, REACHED)),
         ),
         Comparison(
-            "left turn, gamma inferred: collisions",
+            "left turn, infer-gamma: collisions",
             "",
             "0 of 50",
             partial(_left_turn, "infer-gamma", partial(_ends, COLLISION)),

@@ -30,7 +30,7 @@ class Replay:
 
 
 def replay(ego: str, seed: int, setting: RunSetting, title: str) -> Replay:
-    """Run an episode again, which its seed determines, and keep what happened at each step.
+    """Run an episode again, which its seed determines, and keep every step.
 
     True states, what the ego saw, what it predicted and planned, and its estimates of the others'
     discount factors with 90 % intervals.

@@ -88,14 +88,14 @@ PLAIN = {
         print_estimation,
         "error_against_noise",
         error_against_noise,
-        "Trajectory error over noise, gamma inferred and gamma = 1, with the Cramer-Rao bound",
+        "Trajectory error over noise, infer-gamma and assume-gamma-1, with the Cramer-Rao bound",
     ),
     "intersection": _Plain(
         "Intersection: a recorded window",
         _print_intersection,
         "error_over_noise",
         error_over_noise,
-        "Trajectory error over noise, gamma inferred, gamma = 1 and constant velocity",
+        "Trajectory error over noise, infer-gamma, assume-gamma-1 and constant-velocity",
     ),
 }
 """By the study's name."""
@@ -104,7 +104,7 @@ PLAIN = {
 def section(results: Results, notes: Console) -> Section:
     """Print a study's tables on `notes` and say what else belongs to it."""
     if all(row["error"] for row in results.rows):
-        notes.print("No trial ended well: there is nothing but failures to tell.")
+        notes.print("All trials failed.")
         return Section(results.study.capitalize(), results)
     makers = {
         "estimation": _estimation,
@@ -137,8 +137,8 @@ def _intersection(results: Results, notes: Console) -> Section:
     _add_picture(
         found,
         SNAPSHOT,
-        "What each method expects from the first steps: dots seen, coloured lines predicted, broad "
-        "ones what happened",
+        "Predictions from the first steps alone: dots observed, coloured lines predicted, broad "
+        "lines ground truth",
     )
     return found
 
@@ -237,7 +237,7 @@ def _other(results: Results, notes: Console) -> Section:
 def _chosen(
     rows: Sequence[Row], harmed: Callable[[Row], bool], most: int = 3
 ) -> list[tuple[Row, str]]:
-    """Episodes worth watching: the first seed with the ego that infers, and collisions."""
+    """Episodes worth watching: the first seed with infer-gamma, and collisions."""
     whole = sorted((r for r in rows if not r["error"]), key=lambda r: (r["seed"], r["ego"]))
     first = [(r, "the first seed") for r in whole if r["ego"] == "infer-gamma"][:1]
     harm: dict[str, Row] = {}

@@ -12,7 +12,8 @@ from rich.table import Table
 
 from evaluation.execution.store import Row
 from evaluation.metrics.statistics import Interval, mean_interval
-from evaluation.reports.naming import label_of
+from evaluation.reports.failures import errors_of, failed
+from evaluation.reports.naming import heading_of, label_of
 from evaluation.rollout.setting import MAX_STEPS
 from evaluation.studies.closed_loop import Summary, paired_difference
 from evaluation.studies.estimation import LEAST_STD, METHODS, bound
@@ -35,7 +36,7 @@ def print_closed_loop(console: Console, summaries: Sequence[Summary], rows: Sequ
     table = Table(title="Closed loop: an ego among short-sighted others (means ±95 %)")
     table.add_column("", no_wrap=True)
     for s in summaries:
-        table.add_column(label_of(s.ego), justify="right")
+        table.add_column(escape(heading_of(s.ego, console.width)), justify="right")
     lines: dict[str, list[str]] = {
         "episodes": [str(s.episodes) for s in summaries],
         "collisions": [str(s.collisions) for s in summaries],
@@ -50,12 +51,14 @@ def print_closed_loop(console: Console, summaries: Sequence[Summary], rows: Sequ
         "failed plans": [str(s.failed_plans) for s in summaries],
         "failed fits": [str(s.failed_fits) for s in summaries],
     }
-    if any(s.errors for s in summaries):
-        lines["broken trials"] = [str(s.errors) for s in summaries]
+    if any(s.failed for s in summaries):
+        lines["failed trials"] = [str(s.failed) for s in summaries]
     for name, cells in lines.items():
         table.add_row(escape(name), *cells)
     console.print(table)
     console.print(f"time to goal: episodes that did not reach it count with {MAX_STEPS * DT:g} s.")
+    if errors := errors_of(rows):
+        console.print(f"[red]{escape(failed(errors))}[/red]")
     names = [s.ego for s in summaries]
     if "oracle" in names:
         console.print(
@@ -65,7 +68,7 @@ def print_closed_loop(console: Console, summaries: Sequence[Summary], rows: Sequ
     if "infer-gamma" not in names:
         return
     console.print(
-        "gamma inferred minus the others, same seeds (cost: those where neither collided, negative "
+        "infer-gamma minus the others, same seeds (cost: those where neither collided, negative "
         "is better):"
     )
     for other in names:
@@ -75,7 +78,7 @@ def print_closed_loop(console: Console, summaries: Sequence[Summary], rows: Sequ
             )
             distance = paired_difference(list(rows), "infer-gamma", other, "min_distance")
             console.print(
-                f"  {label_of(other)}: cost {mean_and_half(cost, 1)}, min distance "
+                f"  {escape(label_of(other))}: cost {mean_and_half(cost, 1)}, min distance "
                 f"{mean_and_half(distance)} m"
             )
 
@@ -88,7 +91,7 @@ def print_estimation(console: Console, rows: Sequence[Row]) -> None:
     """Mean error per noise level beside the Cramer-Rao bound."""
     table = Table(title="Estimation: mean trajectory error, Cramer-Rao bound, ratio to it")
     for name in (
-        "observed", "std", "n", "gamma inferred", "gamma = 1", "bound", "ratio", "time [s]",
+        "observed", "std", "n", *METHODS, "bound", "ratio", "time [s]",
     ):  # fmt: skip
         table.add_column(escape(name), justify="left" if name == "observed" else "right")
     far_below = False
@@ -119,9 +122,8 @@ def print_estimation(console: Console, rows: Sequence[Row]) -> None:
             "Errors far below the bound: it is local, and so knows nothing of the limits on "
             "velocities and discount factors, which restrict how wrong a trajectory can be."
         )
-    broken = sum(bool(r["error"]) for r in rows)
-    if broken:
-        console.print(f"[red]{broken} trials broke; their rows in the results say why[/red]")
+    if errors := errors_of(rows):
+        console.print(f"[red]{escape(failed(errors))}[/red]")
 
 
 def print_encounters(
@@ -138,7 +140,7 @@ def print_encounters(
     table.add_column("steps", justify="right")
     names = [f.predictor for f in results[0][1]]
     for name in names:
-        table.add_column(label_of(name), justify="right")
+        table.add_column(escape(heading_of(name, console.width)), justify="right")
     table.add_column("gammas", justify="right")
     for encounter, forecasts in results:
         cells = [
@@ -164,7 +166,7 @@ def print_encounters(
             average = mean_interval(np.array([f[k].average_error for _, f in results]))
             final = mean_interval(np.array([f[k].final_error for _, f in results]))
             console.print(
-                f"{label_of(name)}: mean ADE {mean_and_half(average)} m, mean FDE "
+                f"{escape(label_of(name))}: mean ADE {mean_and_half(average)} m, mean FDE "
                 f"{mean_and_half(final)} m"
             )
 

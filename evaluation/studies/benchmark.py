@@ -14,15 +14,12 @@ from evaluation.execution.local import Workers
 from evaluation.execution.provenance import fingerprint
 from evaluation.execution.runner import run_trials
 from evaluation.execution.store import Row, Store, Trial
+from evaluation.metrics.prediction import judged
 from evaluation.rollout.episode import Episode, run_episode, warm_up
 from evaluation.rollout.places import is_driving, setting_of
-from evaluation.studies.prediction import judged
 from evaluation.studies.prediction import warm_up as warm_up_predictor
 from evaluation.windows.simulated import BETWEEN, PREDICTED_STEPS, simulated_windows
 
-SCHEMA = 4
-"""Counted up when rows get other columns, mean something else or come from another way of solving
-or planning: older folders are refused."""
 OPEN_KEY = ("place", "seed", "predictor", "settings")
 CLOSED_KEY = ("place", "others", "ego", "settings", "seed")
 PREDICTED_SECONDS = 1.0
@@ -71,7 +68,7 @@ def run_windows(place: str, seed: int, predictor: str, settings: str) -> Row:
         begin = time.perf_counter()
         forecast = made.predict(history, PREDICTED_STEPS)
         seconds.append(time.perf_counter() - begin)
-        rows.append(judged(window, forecast))
+        rows.append(judged(history, window.truth, forecast))
     names = ("average_error", "final_error", "missed", "best_average_error", "nll", "fallback")
     return {
         **{name: [row[name] for row in rows] for name in names},
@@ -117,7 +114,7 @@ def _prediction_error(found: Episode) -> float | None:
 def open_study(folder: Path, plan: Plan, *, workers: Workers = None) -> list[Row]:
     """Predictors on simulated episodes; a row per episode and predictor, kept in `folder`."""
     settings = {name: fingerprint(make_predictor(name)) for name in plan.predictors}
-    rule = {"schema": SCHEMA, "between": BETWEEN, "predicted": PREDICTED_STEPS}
+    rule = {"between": BETWEEN, "predicted": PREDICTED_STEPS}
     store = Store(folder, "benchmark, open loop", rule, OPEN_KEY)
     trials: list[Trial] = [
         {"place": place, "seed": OPEN_SEEDS + k, "predictor": name, "settings": settings[name]}
@@ -131,7 +128,7 @@ def open_study(folder: Path, plan: Plan, *, workers: Workers = None) -> list[Row
 def closed_study(folder: Path, plan: Plan, *, workers: Workers = None) -> list[Row]:
     """Egos in episodes with the same seeds; a row per episode and ego, kept in `folder`."""
     settings = {name: fingerprint(make_ego(name)) for name in plan.egos}
-    store = Store(folder, "benchmark, closed loop", {"schema": SCHEMA}, CLOSED_KEY)
+    store = Store(folder, "benchmark, closed loop", {}, CLOSED_KEY)
     trials: list[Trial] = [
         {"place": place, "others": others, "ego": ego, "settings": settings[ego], "seed": seed}
         for place, others in plan.pairs()

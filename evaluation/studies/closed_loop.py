@@ -22,9 +22,6 @@ from evaluation.rollout.episode import run_episode, warm_up
 from evaluation.rollout.setting import MAX_STEPS, RunSetting
 
 KEY = ("ego", "settings", "seed")
-SCHEMA = 6
-"""Counted up when rows get other columns, mean something else or come from another way of solving
-or planning: older folders are refused."""
 
 
 @dataclass(frozen=True)
@@ -82,8 +79,7 @@ def study(
 
     Episodes that the folder has already are not run again, unless `fresh`.
     """
-    configuration = {**setting.__dict__, "schema": SCHEMA}
-    store = Store(folder, "closed loop", configuration, KEY, fresh=fresh)
+    store = Store(folder, "closed loop", setting.__dict__, KEY, fresh=fresh)
     settings = {ego: fingerprint(make_ego(ego)) for ego in egos}
     trials = [
         {"ego": ego, "settings": settings[ego], "seed": seed, **setting.__dict__}
@@ -101,7 +97,7 @@ class Summary(NamedTuple):
     collisions: int
     reached: int
     time_outs: int
-    errors: int
+    failed: int
     """Trials that raised an exception."""
     min_distance: Interval
     """Over episodes, of the smallest signed distance between discs, m."""

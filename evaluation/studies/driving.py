@@ -24,9 +24,6 @@ from evaluation.rollout.episode import run_episode, warm_up
 from evaluation.rollout.setting import EGO_CAR, RunSetting
 
 KEY = ("scene", "others", "ego", "settings", "seed")
-SCHEMA = 5
-"""Counted up when rows get other columns, mean something else or come from another way of solving
-or planning: older folders are refused."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +81,7 @@ def study(
 
     Episodes that the folder has already are not run again.
     """
-    store = Store(folder, "driving", {**asdict(setting), "schema": SCHEMA}, KEY)
+    store = Store(folder, "driving", asdict(setting), KEY)
     settings = {ego: fingerprint(make_ego(ego)) for ego in egos}
     trials = [
         {
@@ -112,7 +109,7 @@ class Summary(NamedTuple):
     """How many episodes ended how."""
     faults: int
     """Collisions that the ego caused."""
-    broken: int
+    failed: int
     """Trials that raised an exception."""
     gap: Interval
     """Over episodes, of the smallest gap between boxes, m."""

@@ -1,7 +1,7 @@
 """The paper's study on recorded people and cars (section VI-B): estimation error over noise.
 
-Noise is added to the recorded states. Gamma inferred and gamma = 1 see the same sequences and start
-from the same parameters; constant velocity is the best straight, even motion through them.
+Noise is added to the recorded states. `infer-gamma` and `assume-gamma-1` get the same sequences and
+start from the same parameters; `constant-velocity` is the best straight, even motion through them.
 """
 
 from __future__ import annotations
@@ -34,8 +34,6 @@ from foresight_env.inverse import (
 from foresight_env.scenarios.intersection import player_theta
 
 KEY = ("observation", "std", "sequence", "method")
-SCHEMA = 2
-"""Counted up when rows get other columns or mean something else: older folders are refused."""
 METHODS = ("infer-gamma", "assume-gamma-1", "constant-velocity")
 PARAMETERS = {
     "goals": ("goal",),
@@ -205,7 +203,7 @@ def study(
     told: dict[str, Any] = {
         name: str(getattr(choice, name)) for name in choice.__dataclass_fields__
     }
-    told |= {"parameters": parameters, "starts": STARTS, "schema": SCHEMA}
+    told |= {"parameters": parameters, "starts": STARTS}
     store = Store(folder, "intersection", told, KEY)
     trials: list[dict[str, Any]] = [
         {
@@ -225,7 +223,7 @@ def study(
 
 
 class Prediction(NamedTuple):
-    """One method at one moment: what was seen is explained, the rest predicted."""
+    """One method at one moment: it explains the observations and predicts the rest."""
 
     method: str
     states: Float[np.ndarray, "K N 4"]
@@ -238,29 +236,46 @@ class Prediction(NamedTuple):
 
 
 CONSTANT_VELOCITY_STEPS = 5
+LEAST_OBSERVED = 3
+"""Observed steps that a prediction needs."""
+MOST_OBSERVED = 15
+"""Observed steps of a prediction, unless chosen; shorter windows begin it in their middle."""
 
 
-def check_moment(known: int, steps: int) -> None:
-    """Raise `ValueError` when a prediction cannot begin after `known` of `steps` steps."""
-    if not 3 <= known < steps:
-        raise ValueError(f"--at: is {known}; expected 3 to {steps - 1} observed steps")
+def observed_steps(at: int | None, steps: int, least: int = LEAST_OBSERVED) -> int:
+    """Return after how many of a window's steps the predictions begin.
+
+    Args:
+        at: Wanted number of observed steps; None: half of the window, at most `MOST_OBSERVED`.
+        steps: Steps of the window.
+        least: Observed steps that predictions need.
+
+    Raises:
+        ValueError: `at` does not fit the window, or the window is too short for any.
+    """
+    if least >= steps:
+        raise ValueError(
+            f"--frames: the window has {steps} steps; predictions need at least {least + 1} (all "
+            f"agents observed in the first {least})"
+        )
+    if at is None:
+        return max(least, min(MOST_OBSERVED, steps // 2 + 1))
+    if not least <= at < steps:
+        raise ValueError(f"--at: is {at}; expected {least} to {steps - 1} observed steps")
+    return at
 
 
-def check_seen(case: Case, known: int) -> None:
-    """Raise `ValueError` when somebody is not seen in the first `known` steps."""
-    late = np.flatnonzero(~case.present[:known].any(axis=0))
-    if late.size:
-        raise ValueError(f"--at: {case.agents[late[0]]} is not seen in the first {known} steps")
+def least_observed(case: Case) -> int:
+    """Return the least number of first steps in which every agent is observed."""
+    return max(LEAST_OBSERVED, int(case.present.argmax(axis=0).max()) + 1)
 
 
 def predict(case: Case, known: int, parameters: str) -> list[Prediction]:
     """The paper's receding-horizon picture: each method from the first `known` full states alone.
 
-    Raises `ValueError` when there is nothing to predict, or somebody is not seen before.
+    Raises `ValueError` when `known` does not fit the window, see `observed_steps`.
     """
-    steps = len(case.states)
-    check_moment(known, steps)
-    check_seen(case, known)
+    observed_steps(known, len(case.states), least_observed(case))
     seen = observe(case, "full", 0.0, 0, known)
     even = straight(case, seen, CONSTANT_VELOCITY_STEPS)
     predictions = []

@@ -9,19 +9,19 @@ import numpy as np
 
 from evaluation.execution.local import Workers
 from evaluation.execution.runner import run_trials
-from evaluation.execution.store import Row, Store, Trial
+from evaluation.execution.store import Row, Store, StoreError, Trial, read_results
 from evaluation.rollout.episode import run_episode
 from evaluation.rollout.places import setting_of
 from evaluation.studies.benchmark import OPEN_SEEDS
+from evaluation.training.names import SPLITS
 
-SCHEMA = 1
-"""Counted up when rows get other columns or mean something else: older folders are refused."""
 KEY = ("place", "seed")
-FIRST_SEED = {
-    "train": 2 * OPEN_SEEDS,
-    "validation": 3 * OPEN_SEEDS,
-    "test": 4 * OPEN_SEEDS,
-}
+COLUMNS = (
+    *KEY, "dt", "players", "steps", "ego", "gamma", "goals", "states", "controls", "observations",
+    "collision", "goal_reached", "failures", "error",
+)  # fmt: skip
+"""Of an episode."""
+FIRST_SEED = {split: (2 + k) * OPEN_SEEDS for k, split in enumerate(SPLITS)}
 """Of each split; studies of egos begin with 0, the benchmark's open loop with `OPEN_SEEDS`."""
 MOST = OPEN_SEEDS
 """Episodes of a split: beyond, seeds would be those of the next."""
@@ -55,11 +55,11 @@ def generate(
     folder: str | Path, places: Sequence[str], episodes: int, split: str, workers: Workers = None
 ) -> list[Row]:
     """So many episodes of every place in `folder`; those that it has already are kept."""
-    if split not in FIRST_SEED:
-        raise ValueError(f"split: is {split!r}; expected one of {', '.join(FIRST_SEED)}")
+    if split not in SPLITS:
+        raise ValueError(f"split: is {split!r}; expected one of {', '.join(SPLITS)}")
     if not 1 <= episodes <= MOST:
         raise ValueError(f"episodes: is {episodes}; expected 1 to {MOST}")
-    store = Store(folder, f"episodes, {split}", {"schema": SCHEMA}, KEY)
+    store = Store(folder, f"episodes, {split}", {}, KEY)
     trials: list[Trial] = [
         {"place": place, "seed": FIRST_SEED[split] + k} for place in places for k in range(episodes)
     ]
@@ -67,15 +67,24 @@ def generate(
 
 
 def episodes_in(folder: str | Path, split: str) -> list[Row]:
-    """The episodes of a split that a folder holds, without those that broke.
+    """Return the episodes of a split that a folder holds, without failed ones, in order of keys.
 
-    `ValueError` where it has none, or holds something else.
+    A data set is used whatever code made it; only extending it (`generate`) needs the same code.
+
+    Raises:
+        ValueError: the folder has no episodes, holds something else, or lacks a column.
     """
     path = Path(folder)
     if not (path / "manifest.json").is_file():
         raise ValueError(f"{path}: holds no episodes; make them with foresight generate")
-    store = Store(path, f"episodes, {split}", {"schema": SCHEMA}, KEY)
-    found = [row for row in store.rows() if not row["error"]]
+    held = read_results(path)
+    if held.study != f"episodes, {split}":
+        raise StoreError(f"{path}: holds results of another study ({held.study})")
+    lacking = [name for name in COLUMNS if held.rows and name not in held.rows[0]]
+    if lacking:
+        raise StoreError(f"{path}: lacks the columns {', '.join(lacking)}; generate it again")
+    rows = sorted(held.rows, key=lambda row: tuple(row[name] for name in KEY))
+    found = [row for row in rows if not row["error"]]
     if not found:
         raise ValueError(f"{path}: holds no episodes; make them with foresight generate")
     return found

@@ -23,6 +23,7 @@ from gymnasium.vector import AutoresetMode
 from agents.learned.crosswalk_window import SIZE, WINDOW, crosswalk_window
 from agents.learned.policy_network import SCALE, WIDTH, policy_network
 from agents.learned.training import Checkpoint, Epoch, Schedule, Trained, is_tired
+from evaluation.training import names
 from evaluation.training.generation import FIRST_SEED
 from evaluation.training.trained import write_trained
 from foresight_env.envs.crosswalk.vector import CrosswalkVectorEnv
@@ -195,8 +196,8 @@ def reinforce(
         told(curve[-1])
     network = policy_network({name: np.asarray(v) for name, v in best.items()})
     trained = Trained(network, curve, min(curve, key=lambda e: e.validation).number)
-    taken = {"network": "ppo", "steps": len(curve) * envs * steps}
-    write_trained(folder, "ppo", trained, taken, time.perf_counter() - begin)
+    taken = {"network": names.PPO, "steps": len(curve) * envs * steps}
+    write_trained(folder, names.PPO, trained, taken, time.perf_counter() - begin)
     return trained
 
 

@@ -26,15 +26,11 @@ from evaluation.execution.store import Row
 from evaluation.rollout.episode import observed_states
 from evaluation.training.examples import Scenes, mirrored, recorded_scenes, simulated_scenes, stack
 from evaluation.training.generation import episodes_in
+from evaluation.training.names import CLONED, GAMMA, SUPERVISED
 from evaluation.training.trained import write_trained
 from evaluation.windows.interaction import split_of
 from foresight_env.datasets import open_recording, recordings_below
 
-GAMMA = "gamma"
-"""The network that infers discount factors; it predicts nothing by itself."""
-CLONED = "cloned"
-"""The ego that does what the oracle did."""
-TRAINABLE = (*NETWORKS, GAMMA, CLONED)
 GRID = np.exp(np.linspace(np.log(0.25), np.log(4.0), 81))
 """Factors of deviations that calibration tries."""
 
@@ -97,7 +93,7 @@ def _observations(row: Row) -> Float[np.ndarray, "steps size"]:
 
 
 def calibration(network: Any, data: Scenes) -> float:
-    """By what deviations are to be multiplied to make the data most_likely."""
+    """By what deviations are to be multiplied to make the data most likely."""
 
     @jax.jit
     def loss(factor: Any) -> Any:
@@ -121,8 +117,8 @@ def learn(
     told: Callable[[Epoch], None] = lambda epoch: None,
 ) -> Trained:
     """Train, and write `NAME.safetensors`, `NAME.json`, `curve.csv` and `curve.png` in `folder`."""
-    if name not in TRAINABLE:
-        raise ValueError(f"name: {name!r} is unknown; choose from {', '.join(TRAINABLE)}")
+    if name not in SUPERVISED:
+        raise ValueError(f"name: {name!r} is unknown; choose from {', '.join(SUPERVISED)}")
     begin = time.perf_counter()
     examples: Any
     validation: Any

@@ -1,6 +1,6 @@
 """What is known of recorded windows whoever predicts them: a table beside the results.
 
-A broken trial has no columns of its own, and a report is to be made without the recordings.
+A failed trial has no columns of its own, and a report is to be made without the recordings.
 """
 
 from __future__ import annotations

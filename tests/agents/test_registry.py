@@ -7,6 +7,7 @@ from agents import FunctionPredictor, PredictThenPlan, make_ego, make_predictor
 from agents.egos.idm import Idm
 from agents.predictors.kalman import KalmanPredictor
 from agents.predictors.kinematic import ConstantVelocityPredictor
+from agents.registry import ALL_EGOS, PREDICTORS
 
 SOURCE = """
 from agents.predictors.kalman import KalmanPredictor
@@ -49,16 +50,26 @@ def test_objects_classes_and_functions_of_a_module():
 def test_a_function_of_a_history_is_a_predictor():
     found = make_predictor("own_agents:standing")
     assert isinstance(found, FunctionPredictor)
-    assert found.name == "own_agents:standing"
+    assert found.name == "standing"
 
 
 def test_any_predictor_can_be_planned_with():
     ego = make_ego("own_agents:standing+plan")
     assert isinstance(ego, PredictThenPlan)
-    assert ego.name == "own_agents:standing+plan"
+    assert ego.name == "standing+plan"
     assert isinstance(ego.predictor, FunctionPredictor)
     assert isinstance(make_ego("kalman+plan").predictor, KalmanPredictor)
     assert isinstance(make_ego("constant-velocity").predictor, ConstantVelocityPredictor)
+
+
+@pytest.mark.parametrize("name", [*ALL_EGOS, *(f"{name}+plan" for name in PREDICTORS)])
+def test_an_ego_has_the_name_that_it_is_registered_by(name):
+    assert make_ego(name).name == name
+
+
+@pytest.mark.parametrize("name", PREDICTORS)
+def test_a_predictor_has_the_name_that_it_is_registered_by(name):
+    assert make_predictor(name).name == name
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ def estimation_rows():
 
 
 def episode_rows():
-    """Two egos, three seeds; the second is 1 s slower and breaks once."""
+    """Two egos, three seeds; the second is 1 s slower and fails once."""
     rows = []
     for ego, late in (("infer-gamma", 0.0), ("assume-gamma-1", 1.0)):
         for seed in range(3):
@@ -30,6 +30,6 @@ def episode_rows():
             }
             row |= {"failed_plans": 1, "failed_fits": 2, "latencies": [30.0, 40.0, 10.0, 20.0]}
             rows.append(row)
-    rows[-1] = {**dict.fromkeys(rows[-1]), "ego": "assume-gamma-1", "seed": 2, "error": "broke"}
+    rows[-1] = {**dict.fromkeys(rows[-1]), "ego": "assume-gamma-1", "seed": 2, "error": "no luck"}
     rows[1] |= {"goal_reached": False, "time_out": True}
     return rows

@@ -16,7 +16,7 @@ SEEDS = 12
 
 
 def trial(ego, seed, seconds):
-    """A row that depends on the trial only; one trial in six breaks."""
+    """A row that depends on the trial only; one trial in six fails."""
     time.sleep(seconds)
     if seed % 6 == 5:
         raise ArithmeticError(f"no luck with {seed}")

@@ -144,7 +144,7 @@ function legend(data, holder) {
     holder.append(entry);
   });
   const told = document.createElement("span");
-  told.textContent = "thick: true path; dots: what was seen; dashes: predicted; thin: planned; cross: goal";
+  told.textContent = "thick: true path; dots: observations; dashes: predicted; thin: planned; cross: goal";
   told.style.whiteSpace = "normal";
   holder.append(told);
 }
@@ -166,7 +166,7 @@ for (const holder of document.querySelectorAll("[data-replay]")) {
     mark(k);
     const now = data.steps[k];
     output.textContent = `${(k * data.dt).toFixed(1)} s` +
-      (now ? (now.failed ? ", a solve failed: the last plan goes on" : "") : ", the end");
+      (now ? (now.failed ? ", a solve failed: the last plan is continued" : "") : ", the end");
   }
   function stop() {
     clearInterval(timer);

@@ -1,31 +1,19 @@
 """The command `foresight`: help, one-line errors with exit status 2, and results."""
 
-import os
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
 from typer.testing import CliRunner
 
-from agents import EGOS, PREDICTORS
-from agents.registry import CROSSWALK_EGOS, DRIVING_EGOS
 from evaluation.cli import app as command_line
-from evaluation.cli import options
 from evaluation.cli.app import app
-from evaluation.cli.learn import PPO, SPLITS, TRAINABLE_NAMES
-from evaluation.cli.options import (
-    ALL_EGO_NAMES,
-    CROSSWALK_EGO_NAMES,
-    DRIVING_EGO_NAMES,
-    EGO_NAMES,
-    PREDICTOR_NAMES,
-    Scene,
-)
 from evaluation.samples.recording import write_sample
-from evaluation.training.generation import FIRST_SEED
-from evaluation.training.supervised import TRAINABLE
+from foresight_env import __version__
 from foresight_env.envs.rendering.style import COLOURS
-from foresight_env.highway.scenes import SCENES
 
 COMMANDS = (
     "run",
@@ -35,7 +23,13 @@ COMMANDS = (
     "evaluate driving",
     "estimate",
     "demo",
+    "benchmark",
+    "generate",
+    "train",
 )
+
+
+ROOT = Path(__file__).parents[3]
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +40,7 @@ def sample(tmp_path_factory):
 @pytest.fixture(autouse=True)
 def environment(monkeypatch):
     """The command chooses a cache through the environment; not for the tests after this one."""
-    monkeypatch.setattr(options, "keep_compiled_programs", lambda: None)
+    monkeypatch.setattr("foresight_env.compilation.enable_compilation_cache", lambda: None)
     monkeypatch.setenv("COLUMNS", "200")
 
 
@@ -71,20 +65,32 @@ def test_help(command):
     assert result.exit_code == 0
     assert "Usage: " in result.stdout
     assert "--out" in result.stdout
+    assert call(*command.split(), "-h").stdout == result.stdout
 
 
 def test_help_of_everything():
     result = call("--help")
     assert result.exit_code == 0
     assert all(command.split()[0] in result.stdout for command in COMMANDS)
-    assert tuple(EGOS) == EGO_NAMES
-    assert tuple(DRIVING_EGOS) == DRIVING_EGO_NAMES
-    assert tuple(CROSSWALK_EGOS) == CROSSWALK_EGO_NAMES
-    assert set(ALL_EGO_NAMES) == {*DRIVING_EGOS, *CROSSWALK_EGOS}
-    assert set(TRAINABLE_NAMES) == {*TRAINABLE, PPO}
-    assert set(SPLITS) == set(FIRST_SEED)
-    assert tuple(PREDICTORS) == PREDICTOR_NAMES
-    assert [scene.value for scene in Scene] == list(SCENES)
+    assert call("-h").stdout == result.stdout
+    assert call("evaluate", "-h").stdout == call("evaluate", "--help").stdout != ""
+
+
+def test_the_version():
+    result = call("--version")
+    assert result.exit_code == 0
+    assert result.stdout == f"foresight_env {__version__}\n"
+
+
+def test_help_loads_neither_jax_nor_arrow():
+    script = (
+        "import sys; sys.argv = ['foresight', {!r}]\n"
+        "from evaluation.cli.app import main\n"
+        "try:\n    main()\n"
+        "finally:\n    assert not {{'jax', 'pyarrow', 'matplotlib'}} & set(sys.modules)\n"
+    )
+    for option in ("--help", "--version"):
+        subprocess.run([sys.executable, "-c", script.format(option)], check=True, cwd=ROOT)
 
 
 def test_predictions_on_recordings(tmp_path, sample):
@@ -111,6 +117,8 @@ def test_runs_that_there_are_not(tmp_path):
         (("crosswalk", "--behaviour", "idm"), "--behaviour: idm drives cars"),
         (("intersection", "--players", 3), "--players: the intersection has two"),
         (("crosswalk", "--ego", "idm"), "--ego: idm drives cars"),
+        (("crosswalk", "--scene", "merge"), "--scene: is merge; only the scenario driving"),
+        (("intersection", "--scene", "left_turn"), "--scene: is left_turn"),
     ):
         refused(call("run", *arguments, "--out", out), told)
     assert not out.exists()
@@ -262,7 +270,7 @@ def test_an_interruption(tmp_path, monkeypatch, sample):
 def test_estimate(sample, tmp_path):
     result = call("estimate", sample, "--ids", "ped:0,ped:1", "--out", tmp_path / "out")
     assert result.exit_code == 0, result.output
-    for word in ("gamma inferred", "gamma = 1", "constant-velocity", "ped:1"):
+    for word in ("encounter-game", "encounter-game-gamma-1", "constant-velocity", "ped:1"):
         assert word in result.stdout
     (picture,) = (tmp_path / "out").iterdir()
     assert picture.suffix == ".png"
@@ -271,17 +279,3 @@ def test_estimate(sample, tmp_path):
     quiet = call("estimate", sample, "--count", 1, "--no-pictures", "--out", tmp_path / "none")
     assert quiet.exit_code == 0
     assert not (tmp_path / "none").exists()
-
-
-def test_where_compiled_programs_are_kept(monkeypatch, tmp_path):
-    monkeypatch.undo()  # of `environment`
-    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", "elsewhere")
-    options.keep_compiled_programs()
-    assert os.environ["JAX_COMPILATION_CACHE_DIR"] == "elsewhere"
-    monkeypatch.delenv("JAX_COMPILATION_CACHE_DIR")
-    monkeypatch.delenv("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", raising=False)
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    options.keep_compiled_programs()
-    chosen = os.environ["JAX_COMPILATION_CACHE_DIR"]
-    assert chosen == str(tmp_path / "foresight_env" / "jax")
-    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", chosen)  # so that it is undone

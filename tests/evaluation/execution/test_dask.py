@@ -88,6 +88,17 @@ def test_workers_that_cannot_be_used(scheduler, worker, monkeypatch):
         next(results(ATTEMPT, [{}], scheduler))
 
 
+def test_workers_with_other_code(scheduler, worker, monkeypatch):
+    here = os.getpid()
+    monkeypatch.setattr(
+        "evaluation.execution.dask.code_digest",
+        lambda: "0123" if os.getpid() == here else "4567",
+    )
+    worker("--nthreads", "1")
+    with pytest.raises(OSError, match=r"have other code of foresight_env \(4567\); expected 0123"):
+        next(results(ATTEMPT, [{}], scheduler))
+
+
 def test_without_workers(scheduler, monkeypatch):
     monkeypatch.setattr("evaluation.execution.dask.PATIENCE", 5.0)
     with pytest.raises(OSError, match="has no workers; start some: dask worker"):

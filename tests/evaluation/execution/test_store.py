@@ -11,6 +11,7 @@ import time
 import pytest
 
 import evaluation.execution.store as store_module
+from evaluation.execution.code import code_digest
 from evaluation.execution.runner import run_trials
 from evaluation.execution.store import Store, StoreError, read_results
 from evaluation.execution.trial import Attempt
@@ -65,6 +66,7 @@ def test_manifest(tmp_path):
     told = json.loads((tmp_path / "manifest.json").read_text())
     assert told["study"] == "s"
     assert told["configuration"] == {"noise": 0.5}
+    assert told["code"] == code_digest()
     assert {"version", "python", "machine"} <= told.keys()
 
 
@@ -95,21 +97,44 @@ def test_a_full_disk_is_told_with_the_file(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("study", "configuration", "version", "told"),
+    ("study", "configuration", "code", "told"),
     [
         ("other", {"a": 1}, None, "another study"),
         ("s", {"a": 2}, None, r"another configuration \(a\)"),
-        ("s", {"a": 1}, "9.9.9", r"another version \(\d"),
+        (
+            "s",
+            {"a": 1},
+            "0123",
+            r"other code \([0-9a-f]{16}; this is 0123\); choose another folder",
+        ),
     ],
 )
-def test_other_results_are_refused(tmp_path, monkeypatch, study, configuration, version, told):
+def test_other_results_are_refused(tmp_path, monkeypatch, study, configuration, code, told):
     Store(tmp_path, "s", {"a": 1}, ("seed",)).append([{"seed": 0}])
     before = {p.name: p.read_bytes() for p in tmp_path.iterdir()}
-    if version:
-        monkeypatch.setattr(store_module, "__version__", version)
+    if code:
+        monkeypatch.setattr(store_module, "code_digest", lambda: code)
     with pytest.raises(StoreError, match=told):
         Store(tmp_path, study, configuration, ("seed",))
     assert {p.name: p.read_bytes() for p in tmp_path.iterdir()} == before
+
+
+def test_results_of_other_code_can_be_read(tmp_path, monkeypatch):
+    Store(tmp_path, "s", {}, ("seed",)).append([{"seed": 0}])
+    monkeypatch.setattr(store_module, "code_digest", lambda: "0123")
+    found = read_results(tmp_path)
+    assert found.rows == [{"seed": 0}]
+    assert found.code == code_digest() != "0123"
+
+
+def test_results_without_a_digest_are_refused(tmp_path):
+    Store(tmp_path, "s", {}, ("seed",))
+    told = json.loads((tmp_path / "manifest.json").read_text())
+    del told["code"]
+    (tmp_path / "manifest.json").write_text(json.dumps(told))
+    with pytest.raises(StoreError, match=r"other code \(unknown; this is"):
+        Store(tmp_path, "s", {}, ("seed",))
+    assert read_results(tmp_path).code == "unknown"
 
 
 def test_a_folder_of_something_else_is_refused(tmp_path):
@@ -192,9 +217,9 @@ def test_studies_can_be_extended(tmp_path, monkeypatch):
 
 def test_a_failing_trial_is_a_row(tmp_path):
     rows = stand_in.study(tmp_path)
-    broken = [r for r in rows if r["error"]]
-    assert [(r["ego"], r["seed"]) for r in broken] == [(e, s) for e in "ab" for s in (5, 11)]
-    for row in broken:
+    failed = [r for r in rows if r["error"]]
+    assert [(r["ego"], r["seed"]) for r in failed] == [(e, s) for e in "ab" for s in (5, 11)]
+    for row in failed:
         assert row["error"].startswith(
             f"ArithmeticError: no luck with {row['seed']} (stand_in_study.py:"
         )

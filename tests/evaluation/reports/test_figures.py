@@ -35,13 +35,13 @@ def test_closed_loop_figure(tmp_path):
 def test_closed_loop_numbers_by_hand():
     rows = episode_rows()
     found = summarise(rows, "infer-gamma")
-    assert (found.episodes, found.errors, found.reached, found.time_outs) == (3, 0, 2, 1)
+    assert (found.episodes, found.failed, found.reached, found.time_outs) == (3, 0, 2, 1)
     assert found.time_to_goal.mean == pytest.approx((3.0 + 10.0 + 5.0) / 3.0)
     assert found.smallest_distance == pytest.approx(0.3)
     assert found.latency_median == 25.0
     assert (found.failed_plans, found.failed_fits) == (3, 6)
     other = summarise(rows, "assume-gamma-1")
-    assert (other.episodes, other.errors, other.reached) == (3, 1, 2)
+    assert (other.episodes, other.failed, other.reached) == (3, 1, 2)
     difference = paired_difference(rows, "infer-gamma", "assume-gamma-1", "time")
     assert difference == (-1.0, -1.0, -1.0)
     with pytest.raises(ValueError, match="ego oracle: no episode finished: no rows"):

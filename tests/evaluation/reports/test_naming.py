@@ -5,7 +5,7 @@ import re
 import pytest
 
 from agents.registry import CROSSWALK_EGOS, DRIVING_EGOS, PREDICTORS
-from evaluation.reports.naming import COLOURS, LABELS, colour_of, label_of
+from evaluation.reports.naming import COLOURS, colour_of, label_of
 
 
 @pytest.mark.parametrize("names", [PREDICTORS, DRIVING_EGOS, CROSSWALK_EGOS])
@@ -22,6 +22,18 @@ def test_anybody_s_own_has_a_label_and_a_colour(name):
     assert colour_of(name) == colour_of(name)
 
 
-def test_an_ego_that_plans_with_a_predictor_names_it():
-    assert label_of("kalman+plan") == f"{LABELS['kalman']}, planned"
-    assert label_of("mine:Net") == "mine:Net"
+SOURCE = """
+class Net:
+    name = "deep net"
+    def predict(self, history, steps):
+        raise NotImplementedError
+"""
+
+
+def test_labels_are_the_names_of_the_objects(tmp_path, monkeypatch):
+    (tmp_path / "own_net.py").write_text(SOURCE)
+    monkeypatch.syspath_prepend(tmp_path)
+    assert label_of("own_net:Net") == "deep net"
+    assert label_of("own_net:Net+plan") == "deep net+plan"
+    assert label_of("kalman+plan") == "kalman+plan"
+    assert label_of("not_here:Net") == "not_here:Net"

@@ -145,6 +145,10 @@ def test_a_picture_of_an_encounter_shows_enough(tmp_path, monkeypatch, span):
     (axes,) = saved[0].axes
     for low, high in (axes.get_xlim(), axes.get_ylim()):
         assert high - low >= 4.0
-    lines = [line for line in axes.lines if line.get_color() == naming.colour_of("assume-gamma-1")]
+    lines = [
+        line
+        for line in axes.lines
+        if line.get_color() == naming.colour_of("encounter-game-gamma-1")
+    ]
     ends = [np.flatnonzero(~np.isnan(line.get_xdata()))[-1] for line in lines]
     assert ends == [10, 7]  # predictions end where the recording does

@@ -1,20 +1,20 @@
 """The benchmark: fair cases, the best on top, numbers that a paper can cite, one-line errors."""
 
 import csv
+import io
 import re
 from html.parser import HTMLParser
 
 import numpy as np
 import pytest
+from rich.console import Console
 from typer.testing import CliRunner
 
 from agents.interfaces.predictor import History, single
-from evaluation.cli import options
 from evaluation.cli.app import app
-from evaluation.cli.benchmark import PLACE_NAMES, PLANNED_NAMES
-from evaluation.reports.benchmark_page import write_page
+from evaluation.cli.benchmark import PLANNED_NAMES
+from evaluation.reports.benchmark_page import print_parts, write_page
 from evaluation.reports.benchmark_results import closed_part, common, open_part, write_csv
-from evaluation.rollout.places import PLACES
 from evaluation.studies import benchmark as benchmark_study
 from evaluation.studies import prediction
 from evaluation.studies.benchmark import Plan
@@ -42,9 +42,9 @@ def test_all_methods_have_the_same_cases_and_one_without_any_is_told():
         "b": {k: (k, predicted(2.0)) for k in range(7)},
         "c": {},
     }
-    part = open_part("somewhere", common(methods), {"b": 1, "c": 8})
+    part = open_part("somewhere", common(methods), {"b": ["no"], "c": ["no"] * 8})
     assert [(line.method, line.cases) for line in part.lines] == [("a", 7), ("b", 7), ("c", 0)]
-    assert part.lines[2].values["broken"].mean == 8.0
+    assert part.lines[2].values["failed trials"].mean == 8.0
     assert part.lines[0].values["missed"].mean == 50.0
     assert part.lines[0].values["ADE"].rank == (1, 1, 1)
     assert part.lines[1].values["ADE"].rank == (2, 2, 2)
@@ -89,6 +89,14 @@ class Outline(HTMLParser):
         self.text.append(data)
 
 
+def test_failed_trials_are_counted_with_the_first_error():
+    methods = {"a": {0: (0, predicted(1.0))}, "b": {}}
+    part = open_part("somewhere", common(methods), {"b": ["[no] luck", "other"]})
+    console = Console(file=io.StringIO(), width=100)
+    print_parts(console, [part])
+    assert "b: 2 trials failed; first: [no] luck" in console.file.getvalue()
+
+
 def test_page_and_table(tmp_path):
     methods = {
         "kalman": {k: (k, predicted(0.5 + 0.01 * k)) for k in range(8)},
@@ -103,7 +111,7 @@ def test_page_and_table(tmp_path):
     assert outline.foreign == 0
     assert "http" not in page
     told = " ".join(" ".join(outline.text).split())
-    assert told.index("mine:<Net> 1") < told.index("Kalman filter 2")
+    assert told.index("mine:<Net> 1") < told.index("kalman 2")
     assert "X y: 3 episodes" in told
     with write_csv(parts, tmp_path / "table.csv").open() as file:
         rows = list(csv.DictReader(file))
@@ -130,18 +138,21 @@ def test_simulated_windows_are_what_was_seen_and_what_happened():
 
 
 class Straight:
-    """Somebody's own predictor."""
+    """A user's predictor, whose name is not that of its class."""
 
-    name = "straight"
+    name = "straight on"
 
     def predict(self, history: History, steps: int):
         times = history.dt * np.arange(1, steps + 1)[:, None, None]
         return single(history.states[-1, :, :2] + times * history.states[-1, :, 2:])
 
 
+again = Straight()
+
+
 @pytest.fixture
 def command(monkeypatch):
-    monkeypatch.setattr(options, "keep_compiled_programs", lambda: None)
+    monkeypatch.setattr("foresight_env.compilation.enable_compilation_cache", lambda: None)
     monkeypatch.setenv("COLUMNS", "160")
     return lambda *given: CliRunner().invoke(app, ["benchmark", *map(str, given)])
 
@@ -154,21 +165,28 @@ def test_anybody_s_own_predictor_is_a_line_of_the_table(command, tmp_path, monke
     chosen = ("--predictors", f"constant-velocity,{own}", "--egos", f"constant-velocity,{own}+plan")
     result = command(*given, *chosen)
     assert result.exit_code == 0, result.output
-    assert f"{own}, planned" in result.output
+    shown = "straight on"
+    for text in (result.output, (out / "benchmark.html").read_text()):
+        assert shown in text
+        assert f"{shown}+plan" in text
+        assert own not in text
     with (out / "benchmark.csv").open() as file:
         rows = list(csv.DictReader(file))
     mine, theirs = (
         [float(r["mean"]) for r in rows if r["method"] == name and r["metric"] == "ADE"]
-        for name in (own, "constant-velocity")
+        for name in (shown, "constant-velocity")
     )
     assert mine == pytest.approx(theirs)
-    assert {r["loop"] for r in rows if r["method"].startswith(own)} == {"open loop", "closed loop"}
+    assert {r["loop"] for r in rows if r["method"].startswith(shown)} == {
+        "open loop",
+        "closed loop",
+    }
 
-    def broken(*arguments, **more):
+    def not_again(*arguments, **more):
         raise AssertionError("a trial that has a row was run again")
 
-    monkeypatch.setattr(benchmark_study, "run_episode", broken)
-    monkeypatch.setattr(benchmark_study, "run_windows", broken)
+    monkeypatch.setattr(benchmark_study, "run_episode", not_again)
+    monkeypatch.setattr(benchmark_study, "run_windows", not_again)
     assert command(*given, *chosen).exit_code == 0
 
 
@@ -182,6 +200,10 @@ def test_anybody_s_own_predictor_is_a_line_of_the_table(command, tmp_path, monke
         ("--scenarios, --data: are both empty", ["--scenarios", ""]),
         ("--predictors, --egos: are both empty", ["--predictors", "", "--egos", ""]),
         ("--others: 'ghosts' is unknown", ["--others", "ghosts"]),
+        (
+            f"--predictors: {__name__}:Straight and {__name__}:again are both named 'straight on'",
+            ["--predictors", f"kalman,{__name__}:Straight,{__name__}:again"],
+        ),
     ],
 )
 def test_what_is_wrong_is_told_before_anything_runs(command, tmp_path, told, given):
@@ -192,7 +214,6 @@ def test_what_is_wrong_is_told_before_anything_runs(command, tmp_path, told, giv
 
 
 def test_names_are_those_of_the_registry():
-    assert PLACE_NAMES == PLACES
     plan = Plan(("crosswalk", "merge"), ("receding", "idm"), (), ("oracle", "idm"), 1)
     assert plan.egos_of("crosswalk") == ("oracle",)
     assert plan.egos_of("merge") == ("oracle", "idm")

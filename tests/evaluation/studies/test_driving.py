@@ -45,12 +45,12 @@ def test_a_summary_by_hand():
     assert found.episodes == 3
     assert (found.ends[COLLISION], found.ends[REACHED], found.ends[TIME_OUT]) == (1, 1, 1)
     assert found.faults == 1
-    assert found.broken == 0
+    assert found.failed == 0
     assert found.least_gap == -0.5
     # Neither a collision nor a time-out is a quick arrival.
     assert found.time.mean == pytest.approx((5.0 + 8.0 + 8.0) / 3.0)
     assert found.failed_plans == 3
-    assert summarise(ROWS, "merge", "idm", "idm").broken == 1
+    assert summarise(ROWS, "merge", "idm", "idm").failed == 1
     assert summarise(ROWS, "left_turn", "idm", "idm") is None
     assert time_to_goal(ROWS[3]) == 8.0
 

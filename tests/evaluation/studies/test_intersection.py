@@ -9,8 +9,6 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 from evaluation.cli import app as command_line
-from evaluation.cli import options
-from evaluation.metrics.statistics import mean_and_error
 from evaluation.reports.intersection import (
     error_over_noise,
     print_errors,
@@ -21,7 +19,15 @@ from evaluation.reports.intersection import (
 from evaluation.reports.page import write_report
 from evaluation.samples.junction import FRAMES, TRACKS, write_junction_sample
 from evaluation.studies import intersection as intersection_study
-from evaluation.studies.intersection import METHODS, observe, predict, straight, study
+from evaluation.studies.intersection import (
+    METHODS,
+    least_observed,
+    observe,
+    observed_steps,
+    predict,
+    straight,
+    study,
+)
 from evaluation.windows.intersection import Case, Choice, WindowError, difference, fitted_game, load
 from foresight_env.scenarios.junction import LANES
 
@@ -106,11 +112,25 @@ def test_constant_velocity_is_exact_where_it_holds():
         np.testing.assert_allclose(straight(case, seen, 3), moving(), atol=1e-12)
 
 
-def test_nothing_is_predicted_of_somebody_who_has_not_come():
+def test_predictions_begin_when_all_agents_have_been_observed():
     states = moving()
     states[:5, 1] = np.nan
-    with pytest.raises(ValueError, match="--at: b is not seen in the first 4 steps"):
-        predict(case_of(states), 4, "goals")
+    case = case_of(states)
+    assert least_observed(case) == 6
+    with pytest.raises(ValueError, match="--at: is 4; expected 6 to 7 observed steps"):
+        predict(case, 4, "goals")
+
+
+def test_the_default_moment_fits_the_window():
+    assert [observed_steps(None, steps) for steps in (4, 8, 16, 28, 100)] == [3, 5, 9, 15, 15]
+    assert observed_steps(None, 8, least=7) == 7
+    assert observed_steps(7, 8) == 7
+    for at in (2, 8, 15):
+        with pytest.raises(ValueError, match=f"--at: is {at}; expected 3 to 7 observed steps"):
+            observed_steps(at, 8)
+    for steps, least in ((3, 3), (8, 8)):
+        with pytest.raises(ValueError, match="--frames: the window has"):
+            observed_steps(None, steps, least)
 
 
 def test_the_same_sequence_goes_to_everybody():
@@ -119,16 +139,6 @@ def test_the_same_sequence_goes_to_everybody():
     assert np.array_equal(first, observe(case, "full", 0.1, 3, 8))
     assert not np.array_equal(first, observe(case, "full", 0.1, 4, 8))
     assert np.std(first - case.states.reshape(8, -1)) == pytest.approx(0.1, rel=0.3)
-
-
-def test_standard_errors():
-    values = np.random.default_rng(0).normal(3.0, 2.0, 400)
-    mean, error = mean_and_error(values)
-    assert mean == pytest.approx(values.mean())
-    assert error == pytest.approx(2.0 / np.sqrt(400), rel=0.1)
-    assert mean_and_error(np.array([4.0])) == (4.0, 0.0)
-    with pytest.raises(ValueError, match="values"):
-        mean_and_error(np.array([]))
 
 
 def test_a_small_study(folder, tmp_path, monkeypatch):
@@ -164,7 +174,7 @@ def test_a_small_study(folder, tmp_path, monkeypatch):
     print_gammas(console, rows)
     print_predictions(console, case, 5, predictions)
     told = console.export_text()
-    for word in ("gamma inferred", "constant-velocity", "pedestrian", "Seen 5 steps"):
+    for word in ("infer-gamma", "constant-velocity", "pedestrian", "Observed 5 steps"):
         assert word in told
     for path in (
         error_over_noise(rows, tmp_path / "errors.png"),
@@ -174,11 +184,30 @@ def test_a_small_study(folder, tmp_path, monkeypatch):
             assert image.width > 600
     snapshot(case, 5, predictions, tmp_path / "snapshot.pdf")
     page = write_report(tmp_path).read_text()
-    for word in ("Inferred discount factors", "205", "dots seen", "error saved by inferring"):
+    for word in ("Inferred discount factors", "205", "dots observed", "error saved by inferring"):
         assert word in page
     assert (tmp_path / "figures" / "rows_snapshot.pdf").stat().st_size > 1000
     with pytest.raises(ValueError, match="--at"):
         predict(case, 8, "goals")
+
+
+def test_the_command_chooses_a_moment_that_fits(folder, tmp_path, monkeypatch):
+    """A window of 8 steps, of which 15 cannot be observed."""
+    monkeypatch.setattr("foresight_env.compilation.enable_compilation_cache", lambda: None)
+    monkeypatch.setattr(intersection_study, "study", lambda *arguments, **more: [])
+    chosen = []
+
+    def predicted(case, known, parameters):
+        chosen.append((len(case.states), known))
+        raise ValueError("enough")
+
+    monkeypatch.setattr(intersection_study, "predict", predicted)
+    command = ["evaluate", "intersection", "--data", folder, "--tracks", "201,205"]
+    command += ["--frames", "26158:26200", "--out", str(tmp_path / "out")]
+    assert CliRunner().invoke(command_line.app, command).stderr == "foresight: enough\n"
+    assert chosen == [(8, 5)]
+    result = CliRunner().invoke(command_line.app, [*command, "--at", "15"])
+    assert "--at: is 15; expected 3 to 7 observed steps" in result.stderr
 
 
 @pytest.mark.parametrize(
@@ -196,7 +225,7 @@ def test_a_small_study(folder, tmp_path, monkeypatch):
 def test_the_command_names_what_is_wrong_and_writes_nothing(
     folder, tmp_path, monkeypatch, told, arguments
 ):
-    monkeypatch.setattr(options, "keep_compiled_programs", lambda: None)
+    monkeypatch.setattr("foresight_env.compilation.enable_compilation_cache", lambda: None)
     monkeypatch.setenv("COLUMNS", "200")
     out = tmp_path / "out"
     given = [{"FOLDER": folder, "NOWHERE": str(tmp_path / "no.csv")}.get(a, a) for a in arguments]

@@ -4,6 +4,7 @@ import csv
 import json
 from dataclasses import replace
 from itertools import pairwise
+from shutil import copytree
 
 import numpy as np
 import pytest
@@ -15,11 +16,20 @@ from agents.learned.features import AHEAD, features_of, targets_of
 from agents.learned.predictor import LearnedPredictor
 from agents.learned.reactive import ReactiveEgo
 from evaluation.cli.app import app
-from evaluation.rollout.places import PLACES, setting_of
+from evaluation.execution.store import Store
+from evaluation.rollout.episode import observed_states
+from evaluation.rollout.places import setting_of
 from evaluation.samples.recording import write_sample
 from evaluation.training.examples import mirrored, recorded_scenes, simulated_scenes
-from evaluation.training.generation import FIRST_SEED, MOST, episodes_in, generate, run_episode
-from evaluation.training.supervised import calibration, forecast_data, observed_states
+from evaluation.training.generation import (
+    COLUMNS,
+    FIRST_SEED,
+    MOST,
+    episodes_in,
+    generate,
+    run_trial,
+)
+from evaluation.training.supervised import calibration, forecast_data
 from evaluation.windows.interaction import LEAST_OBSERVED, STEP_SECONDS
 from foresight_env.datasets import open_recording
 
@@ -48,6 +58,12 @@ def episodes(tmp_path_factory):
     return folder
 
 
+def seen_in(row):
+    """Observed states (steps, players, 4) of an episode."""
+    observations = np.array(row["observations"]).reshape(row["steps"], -1)
+    return observed_states(observations, row["ego"], row["players"])
+
+
 def test_no_seed_is_in_two_splits():
     first = sorted(FIRST_SEED.values())
     assert all(low + MOST <= high for low, high in pairwise(first))
@@ -58,7 +74,7 @@ def test_an_episode_holds_the_truth_and_what_was_seen(episodes):
     row = episodes_in(episodes / "train", "train")[0]
     steps, count = row["steps"], row["players"]
     states = np.array(row["states"]).reshape(steps + 1, count, 4)
-    seen = observed_states(row)
+    seen = seen_in(row)
     assert seen.shape == (steps, count, 4)
     assert np.std(seen - states[:-1]) == pytest.approx(0.05, rel=0.2)
     controls = np.array(row["controls"]).reshape(steps, count, 2)
@@ -70,7 +86,7 @@ def test_an_episode_holds_the_truth_and_what_was_seen(episodes):
         0.0,
         atol=1e-5,
     )
-    again = run_episode("crosswalk", row["seed"])
+    again = run_trial("crosswalk", row["seed"])
     assert all(again[name] == row[name] for name in again)
 
 
@@ -88,6 +104,22 @@ def test_episodes_are_kept_and_splits_stay_apart(episodes):
     assert not (episodes / "many").exists()
 
 
+def test_episodes_of_other_code_can_be_used_and_not_extended(episodes, tmp_path, monkeypatch):
+    folder = tmp_path / "train"
+    copytree(episodes / "train", folder)
+    monkeypatch.setattr("evaluation.execution.store.code_digest", lambda: "0123")
+    assert episodes_in(folder, "train") == episodes_in(episodes / "train", "train")
+    with pytest.raises(ValueError, match="holds results of other code"):
+        generate(folder, ("crosswalk",), 4, "train", 0)
+
+
+def test_episodes_without_a_column_are_refused(tmp_path):
+    rows = [{name: 0 for name in COLUMNS if name != "controls"} | {"error": ""}]
+    Store(tmp_path, "episodes, train", {}, ("place", "seed")).append(rows)
+    with pytest.raises(ValueError, match="lacks the columns controls; generate it again"):
+        episodes_in(tmp_path, "train")
+
+
 def test_scenes_of_an_episode_are_what_happened(episodes):
     """What is given was seen by then, with noise; what is to be said comes after, without."""
     row = episodes_in(episodes / "train", "train")[0]
@@ -98,7 +130,7 @@ def test_scenes_of_an_episode_are_what_happened(episodes):
     found = list(simulated_scenes(row))
     for place, one in enumerate(found):
         moment = (LEAST_OBSERVED - 1 + place) * every
-        seen = observed_states(row)[max(moment % every, moment - 7 * every) : moment + 1 : every]
+        seen = seen_in(row)[max(moment % every, moment - 7 * every) : moment + 1 : every]
         history = replace(history_of(scene, tuple(seen)), dt=every * row["dt"])
         features, frames = features_of(history)
         target, known = targets_of(frames, states[moment + every :: every, :, :2], history.dt)
@@ -148,7 +180,7 @@ def test_from_episodes_to_weights(episodes, tmp_path, name):
         return
     scene = setting_of("crosswalk").make().scene
     row = episodes_in(episodes / "validation", "validation")[0]
-    history = history_of(scene, tuple(observed_states(row)[:8]))
+    history = history_of(scene, tuple(seen_in(row)[:8]))
     found = LearnedPredictor(name, weights).predict(history, 12)
     assert found.positions.shape[1:] == (12, 2, 2)
 
@@ -186,4 +218,3 @@ def test_what_cannot_be_trained_or_made(tmp_path, episodes):
     ):
         refused(call(*arguments, "--out", out), told)
         assert not out.exists()
-    assert "crosswalk" in PLACES

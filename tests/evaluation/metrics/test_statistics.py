@@ -1,0 +1,64 @@
+"""Intervals of means and shares: repeatable, of the right width, with the nominal coverage."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from evaluation.metrics.statistics import mean_and_error, mean_interval, share_interval
+
+FINITE = st.floats(-1e3, 1e3)
+
+
+@settings(max_examples=30)
+@given(st.lists(FINITE, min_size=1, max_size=20))
+def test_the_interval_holds_the_mean(values):
+    found = mean_interval(np.array(values))
+    assert found.mean == pytest.approx(np.mean(values))
+    slack = 1e-9 * max(1.0, abs(found.mean))
+    assert min(values) - slack <= found.low <= found.mean + slack
+    assert found.mean - slack <= found.high <= max(values) + slack
+
+
+def test_degenerate_samples():
+    assert mean_interval(np.array([2.0])) == (2.0, 2.0, 2.0)
+    assert mean_interval(np.full(7, 3.5)) == (3.5, 3.5, 3.5)
+    for values in ([], [1.0, np.nan]):
+        with pytest.raises(ValueError, match="values: empty or with NaN"):
+            mean_interval(np.array(values))
+
+
+def test_intervals_are_repeatable_and_of_the_right_width():
+    values = np.random.default_rng(0).normal(5.0, 2.0, 400)
+    found = mean_interval(values)
+    assert found == mean_interval(values)
+    # Normal theory: +- 1.96 * 2 / sqrt(400) = 0.196.
+    assert 0.30 < found.high - found.low < 0.49
+
+
+def test_the_interval_covers_the_true_mean():
+    random = np.random.default_rng(1)
+    held = 0
+    for _ in range(200):
+        found = mean_interval(random.exponential(1.0, 40))
+        held += found.low <= 1.0 <= found.high
+    assert 0.86 < held / 200 < 0.99  # 95 % nominal, the percentile interval is a little short
+
+
+def test_shares_by_hand():
+    """Wilson's interval of 2 in 10: (0.0567, 0.5098)."""
+    found = share_interval(np.arange(10) < 2)
+    assert found == pytest.approx((0.2, 0.0567, 0.5098), abs=1e-4)
+    assert share_interval(np.zeros(6, bool)).high == pytest.approx(0.3903, abs=1e-4)
+    with pytest.raises(ValueError, match="happened: is empty"):
+        share_interval(np.zeros(0, bool))
+
+
+def test_standard_errors():
+    values = np.random.default_rng(0).normal(3.0, 2.0, 400)
+    mean, error = mean_and_error(values)
+    assert mean == pytest.approx(values.mean())
+    assert error == pytest.approx(2.0 / np.sqrt(400), rel=0.1)
+    assert mean_and_error(np.array([4.0])) == (4.0, 0.0)
+    with pytest.raises(ValueError, match="values"):
+        mean_and_error(np.array([]))
