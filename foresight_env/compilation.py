@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -71,21 +72,27 @@ def enable_compilation_cache(folder: str | os.PathLike[str] | None = None) -> Pa
 
 
 _timers: dict[int, threading.Timer] = {}
-_tell: list[Callable[[str], None]] = []
+_listeners: list[Callable[[str], object]] = []
+_registered: list[bool] = []
 
 
-def announce_compilation(tell: Callable[[str], None]) -> None:
-    """Call `tell` with a line whenever a compilation of this process takes longer than a second.
+@contextmanager
+def announce_compilation(tell: Callable[[str], object]) -> Iterator[None]:
+    """Call `tell` with a line, within this context, where a compilation takes over a second.
 
-    The last caller's `tell` is used.
+    From a thread of its own: `tell` should only print.
     """
-    first = not _tell
-    _tell[:] = [tell]
-    if first:
+    if not _registered:
+        _registered.append(True)
         jax.monitoring.register_event_duration_secs_listener(_listen)
+    _listeners.append(tell)
+    try:
+        yield
+    finally:
+        _listeners.remove(tell)
 
 
-def _listen(event: str, seconds: float, **details: Any) -> None:
+def _listen(event: str, duration_secs: float, **details: str | int) -> None:
     thread = threading.get_ident()
     if event.endswith("jaxpr_to_mlir_module_duration"):  # what follows is XLA's part
         timer = threading.Timer(SILENCE, _announce)
@@ -93,10 +100,11 @@ def _listen(event: str, seconds: float, **details: Any) -> None:
         _timers[thread] = timer
         timer.start()
     elif event.endswith("backend_compile_duration"):
-        timer_ = _timers.pop(thread, None)
-        if timer_ is not None:
-            timer_.cancel()
+        started = _timers.pop(thread, None)
+        if started is not None:
+            started.cancel()
 
 
 def _announce() -> None:
-    _tell[0]("compiling the solver, once per machine")
+    if _listeners:
+        _listeners[-1]("compiling the solver, once per machine")

@@ -3,7 +3,7 @@
 import os
 import subprocess
 import sys
-import time
+from contextlib import nullcontext
 
 import jax
 import pytest
@@ -11,15 +11,12 @@ import pytest
 from foresight_env import compilation
 
 KEEPING = """
-import sys, time
+import sys
 import foresight_env
 folder = foresight_env.enable_compilation_cache(*sys.argv[1:])
 import jax, os
-assert jax.config.jax_compilation_cache_dir == str(folder) == os.environ["JAX_COMPILATION_CACHE_DIR"]
-lines = []
-from foresight_env.compilation import announce_compilation
-announce_compilation(lines.append)
-import numpy as np
+assert jax.config.jax_compilation_cache_dir == str(folder)
+assert os.environ["JAX_COMPILATION_CACHE_DIR"] == str(folder)
 from foresight_env import solve
 from foresight_env.scenarios.crosswalk import MONTE_CARLO, crosswalk_game
 m = MONTE_CARLO
@@ -56,18 +53,33 @@ def test_the_users_choice_of_a_folder_counts(monkeypatch, tmp_path):
     assert compilation.default_cache() == tmp_path / "foresight_env" / "jax"
 
 
-@pytest.mark.parametrize(("seconds", "announced"), [(0.0, 0), (0.3, 1)])
-def test_only_long_compilations_are_announced(monkeypatch, seconds, announced):
-    monkeypatch.setattr(compilation, "SILENCE", 0.1)
-    monkeypatch.setattr(compilation, "_tell", [])
-    lines = []
-    compilation.announce_compilation(lines.append)
-    compilation._listen("/jax/core/compile/jaxpr_to_mlir_module_duration", 0.1)
-    time.sleep(seconds)
+class FakeTimer:
+    """Runs when it is told to, unless cancelled."""
+
+    def __init__(self, seconds, function):
+        self.function = function
+        self.daemon = False
+
+    def start(self):
+        FakeTimer.running = self
+
+    def cancel(self):
+        FakeTimer.running = None
+
+
+@pytest.mark.parametrize(("ended", "within", "lines"), [(0, 1, 1), (1, 1, 0), (0, 0, 0)])
+def test_compilations_are_announced_where_they_last(monkeypatch, ended, within, lines):
+    monkeypatch.setattr(compilation.threading, "Timer", FakeTimer)
+    told = []
+    with compilation.announce_compilation(told.append) if within else nullcontext():
+        compilation._listen("/jax/core/compile/jaxpr_to_mlir_module_duration", 0.1)
+        if ended:
+            compilation._listen("/jax/core/compile/backend_compile_duration", 0.1)
+        if FakeTimer.running is not None:
+            FakeTimer.running.function()
+    assert len(told) == lines
+    assert all("compiling the solver" in line for line in told)
     compilation._listen("/jax/core/compile/backend_compile_duration", 0.1)
-    time.sleep(0.2)
-    assert len(lines) == announced
-    assert all("compiling the solver" in line for line in lines)
 
 
 def test_jax_sends_the_events_that_are_listened_for():

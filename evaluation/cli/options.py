@@ -38,6 +38,10 @@ Split = Literal["all", "development", "test"]
 """Which recordings of a folder."""
 
 
+def _tell(line: str) -> None:
+    typer.echo(f"foresight: {line}", err=True)
+
+
 def plain_errors(command: Callable[..., None]) -> Callable[..., None]:
     """Expected errors end in one line on standard error and exit status 2."""
 
@@ -48,10 +52,10 @@ def plain_errors(command: Callable[..., None]) -> Callable[..., None]:
         from foresight_env.equilibrium import SolveError
 
         compilation.enable_compilation_cache()
-        compilation.announce_compilation(lambda line: typer.echo(f"foresight: {line}", err=True))
 
         try:
-            command(*args, **kwargs)
+            with compilation.announce_compilation(_tell):
+                command(*args, **kwargs)
         except (ValueError, OSError, SolveError, MissingExtraError) as error:
             typer.echo(f"foresight: {' '.join(str(error).split())}", err=True)
             raise typer.Exit(2) from error

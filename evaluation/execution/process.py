@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from contextlib import ExitStack
 
 
 def single_threaded() -> None:
@@ -19,4 +20,10 @@ def prepare_worker() -> None:
     single_threaded()
     from foresight_env.compilation import announce_compilation
 
-    announce_compilation(lambda line: print(f"foresight: {line}", file=sys.stderr, flush=True))
+    _for_life.enter_context(
+        announce_compilation(lambda line: print(f"foresight: {line}", file=sys.stderr, flush=True))
+    )
+
+
+_for_life = ExitStack()
+"""Contexts of a worker process, which end with it."""

@@ -36,7 +36,7 @@ from foresight_env.games.costs import Composite
 from foresight_env.games.dynamics import Dynamics
 from foresight_env.games.types import Controls, CostFunction, Scalar, States, Theta
 
-EXACT = "exact"
+EXACT: Literal["exact"] = "exact"
 """In place of a convexification weight: all curvature is used, without code for leaving it out."""
 
 Curvature = Scalar | None | Literal["exact"]
@@ -88,7 +88,7 @@ def _stage_cost(
 def _partly_linear(
     function: Callable[[Any], Array], now: Any, at: Any, convexity: Curvature
 ) -> Array:
-    if convexity is None or convexity is EXACT:
+    if convexity is None or isinstance(convexity, str):
         return function(now)
     away = jax.tree.map(jnp.subtract, now, at)
     value, slope = jax.jvp(function, (at,), (away,))
