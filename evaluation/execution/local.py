@@ -5,9 +5,10 @@ from __future__ import annotations
 import multiprocessing
 import os
 from collections.abc import Generator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 
+from evaluation.execution.pilots import Pilots
 from evaluation.execution.process import prepare_worker
 from evaluation.execution.store import Row, Trial
 from evaluation.execution.trial import Attempt
@@ -17,8 +18,14 @@ Workers = int | str | None
 """Processes on this machine (None: one per core; 0: this one), or a Dask scheduler's address."""
 
 
-def results(attempt: Attempt, trials: Sequence[Trial], workers: Workers) -> Generator[Row]:
-    """Rows in the order in which they are finished; closed early, it stops what is running."""
+def results(
+    attempt: Attempt, trials: Sequence[Trial], workers: Workers, programs: Sequence[str] = ()
+) -> Generator[Row]:
+    """Rows in the order in which they are finished; closed early, it stops what is running.
+
+    `programs`: columns of a trial that decide which compiled programs it needs; processes of this
+    machine compile each once (module `pilots`).
+    """
     if isinstance(workers, str):
         require("cluster", "--cluster")
         from evaluation.execution.dask import cluster_results
@@ -27,7 +34,7 @@ def results(attempt: Attempt, trials: Sequence[Trial], workers: Workers) -> Gene
     count = available_workers() if workers is None else workers
     if count == 0 or len(trials) < 2:
         return (attempt(trial) for trial in trials)
-    return _process_results(attempt, trials, min(count, len(trials)))
+    return _process_results(attempt, Pilots(trials, programs), min(count, len(trials)))
 
 
 def available_workers() -> int:
@@ -35,13 +42,18 @@ def available_workers() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _process_results(attempt: Attempt, trials: Sequence[Trial], count: int) -> Generator[Row]:
+def _process_results(attempt: Attempt, pilots: Pilots, count: int) -> Generator[Row]:
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(count, context, initializer=prepare_worker) as pool:
-        futures = [pool.submit(attempt, trial) for trial in trials]
+        running = {pool.submit(attempt, trial): trial for trial in pilots.start()}
         try:
-            for future in as_completed(futures):
-                yield future.result()
+            while running:
+                done, _ = wait(running, return_when=FIRST_COMPLETED)
+                for future in done:
+                    trial, row = running.pop(future), future.result()
+                    for released in pilots.finished(trial):
+                        running[pool.submit(attempt, released)] = released
+                    yield row
         except BrokenProcessPool as error:
             raise OSError(
                 "a worker process was killed (out of memory?); finished trials are kept, run the "

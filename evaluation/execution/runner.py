@@ -19,10 +19,12 @@ def run_trials(
     workers: Workers = None,
     label: str,
     chunk: int = 4,
+    programs: Sequence[str] = (),
 ) -> list[Row]:
     """Run what `store` does not have yet and return the rows of `trials`.
 
-    Rows are written `chunk` at a time, so that an interruption loses little.
+    Rows are written `chunk` at a time, so that an interruption loses little. `programs`: columns
+    that decide which compiled programs a trial needs, so that a study compiles each once.
     """
     keys = {tuple(t[k] for k in store.key) for t in trials}
     before = _rows(store, keys)
@@ -33,7 +35,7 @@ def run_trials(
     with progress(label, len(trials), len(trials) - len(todo), failed) as shown:
         try:
             # Closed also when a row cannot be written: else workers would keep running.
-            with closing(results(Attempt(function, store.key), todo, workers)) as rows:
+            with closing(results(Attempt(function, store.key), todo, workers, programs)) as rows:
                 for row in rows:
                     pending.append(row)
                     shown.advance(bool(row["error"]))

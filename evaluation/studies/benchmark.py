@@ -122,7 +122,14 @@ def open_study(folder: Path, plan: Plan, *, workers: Workers = None) -> list[Row
         for k in range(plan.episodes)
         for name in plan.predictors
     ]
-    return run_trials(run_windows, trials, store, workers=workers, label="open loop")
+    return run_trials(
+        run_windows,
+        trials,
+        store,
+        workers=workers,
+        label="open loop",
+        programs=("place", "predictor"),
+    )
 
 
 def closed_study(folder: Path, plan: Plan, *, workers: Workers = None) -> list[Row]:
@@ -135,4 +142,11 @@ def closed_study(folder: Path, plan: Plan, *, workers: Workers = None) -> list[R
         for ego in plan.egos_of(place)
         for seed in range(plan.episodes)
     ]
-    return run_trials(run_trial, trials, store, workers=workers, label="closed loop")
+    return run_trials(
+        run_trial,
+        trials,
+        store,
+        workers=workers,
+        label="closed loop",
+        programs=("place", "others", "ego"),
+    )

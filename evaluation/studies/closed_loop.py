@@ -86,7 +86,9 @@ def study(
         for seed in seeds
         for ego in egos
     ]
-    return run_trials(run_trial, trials, store, workers=workers, label="closed loop")
+    return run_trials(
+        run_trial, trials, store, workers=workers, label="closed loop", programs=("ego",)
+    )
 
 
 class Summary(NamedTuple):

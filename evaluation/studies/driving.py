@@ -97,7 +97,14 @@ def study(
         for other in others
         for ego in egos
     ]
-    return run_trials(run_trial, trials, store, workers=workers, label="driving")
+    return run_trials(
+        run_trial,
+        trials,
+        store,
+        workers=workers,
+        label="driving",
+        programs=("scene", "others", "ego"),
+    )
 
 
 class Summary(NamedTuple):

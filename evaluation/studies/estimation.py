@@ -168,7 +168,15 @@ def study(
         for k in range(sequences)
         for m in METHODS
     ]
-    return run_trials(run_sequence, trials, store, workers=workers, label="estimation", chunk=16)
+    return run_trials(
+        run_sequence,
+        trials,
+        store,
+        workers=workers,
+        label="estimation",
+        chunk=16,
+        programs=("observation", "method"),
+    )
 
 
 @lru_cache(maxsize=8)

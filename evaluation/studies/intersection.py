@@ -219,7 +219,15 @@ def study(
         for k in range(sequences if std > 0.0 else 1)
         for m in METHODS
     ]
-    return run_trials(run_sequence, trials, store, workers=workers, label="window", chunk=8)
+    return run_trials(
+        run_sequence,
+        trials,
+        store,
+        workers=workers,
+        label="window",
+        chunk=8,
+        programs=("observation", "method"),
+    )
 
 
 class Prediction(NamedTuple):

@@ -138,7 +138,15 @@ def study(
             for name in predictors
         ]
     write_windows(store.folder, windows)
-    rows = run_trials(run_window, trials, store, workers=workers, label="windows", chunk=32)
+    rows = run_trials(
+        run_window,
+        trials,
+        store,
+        workers=workers,
+        label="windows",
+        chunk=32,
+        programs=("predictor",),
+    )
     return with_windows(store.folder, rows)
 
 

@@ -63,7 +63,9 @@ def generate(
     trials: list[Trial] = [
         {"place": place, "seed": FIRST_SEED[split] + k} for place in places for k in range(episodes)
     ]
-    return run_trials(run_trial, trials, store, workers=workers, label=split, chunk=16)
+    return run_trials(
+        run_trial, trials, store, workers=workers, label=split, chunk=16, programs=("place",)
+    )
 
 
 def episodes_in(folder: str | Path, split: str) -> list[Row]:
