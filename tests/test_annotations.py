@@ -9,16 +9,14 @@ import builtins
 from collections.abc import Iterator
 from pathlib import Path
 
+import jaxtyping
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("foresight_env", "agents", "evaluation", "benchmarks")
 MODULES = sorted(path for package in PACKAGES for path in (ROOT / package).rglob("*.py"))
 
-ARRAY_KINDS = frozenset(
-    "Array Bool Complex Float Float16 Float32 Float64 Inexact Int Int32 Int64 Integer Key Num Real "
-    "Shaped UInt UInt8 UInt32".split()
-)
+ARRAY_KINDS = frozenset(dir(jaxtyping))
 """Of jaxtyping: the second entry of their subscript is a shape, such as `Float[Array, "T n"]`."""
 
 
