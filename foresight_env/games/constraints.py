@@ -9,7 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from numbers import Integral
+from typing import Any, Literal
 
 import jax.numpy as jnp
 import numpy as np
@@ -62,11 +63,25 @@ class Bounds:
         return Bounds(low, high)
 
 
+def as_rows(value: Any) -> Float[Array, "rows"]:
+    """A constraint's value as a vector: a scalar is one row."""
+    rows = jnp.asarray(value)
+    return rows[None] if rows.ndim == 0 else rows
+
+
+def _check_constraint(function: object, size: object) -> None:
+    if not callable(function) or isinstance(function, type):
+        raise ValueError(f"function: is {function!r}; expected a callable")
+    if isinstance(size, bool) or not isinstance(size, Integral) or size < 1:
+        raise ValueError(f"size: is {size!r}; expected a whole number above 0")
+
+
 @dataclass(frozen=True)
 class Inequality:
     """One player's own inequality `function(i, t, x, u, theta) >= 0` at every stage, (size,).
 
-    `penalty=None` is hard; a positive number, or the name of an entry of `theta`, makes it elastic.
+    A function of one row may return a scalar. `penalty=None` is hard; a positive number, or the
+    name of an entry of `theta`, makes it elastic.
     """
 
     function: ConstraintFunction
@@ -74,6 +89,7 @@ class Inequality:
     penalty: Weight | None = None
 
     def __post_init__(self) -> None:
+        _check_constraint(self.function, self.size)
         if isinstance(self.penalty, (int, float)) and not self.penalty > 0.0:
             raise ValueError(
                 f"penalty: is {self.penalty}; expected more than 0, or None for a hard constraint"
@@ -86,6 +102,9 @@ class Equality:
 
     function: ConstraintFunction
     size: int
+
+    def __post_init__(self) -> None:
+        _check_constraint(self.function, self.size)
 
 
 @dataclass(frozen=True)
@@ -108,6 +127,7 @@ class SharedInequality:
     players: tuple[int, ...] | None = None
 
     def __post_init__(self) -> None:
+        _check_constraint(self.function, self.size)
         if self.multiplier not in ("individual", "common"):
             raise ValueError(
                 f'multiplier: is {self.multiplier!r}; expected "individual" or "common"'

@@ -253,6 +253,7 @@ class Overflowing(DoubleIntegrator):
 )
 def test_functions_that_are_not_finite_at_the_start_are_named(changes, named):
     arguments = {"dynamics": DoubleIntegrator(0.2), "costs": (Goal(), Effort()), **changes}
+    arguments["extra_theta"] = ("divisor", "goal")
     game = Game((Player(**arguments),), 4)
     theta = ({"divisor": 0.0, "goal": np.array([1.0, 0.0])},)
     with pytest.raises(ValueError, match=named):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from foresight_env.equilibrium import Budget, SolverOptions, Status, solve
-from foresight_env.equilibrium.checks.validation import check_parameters
+from foresight_env.equilibrium.checks.validation import check_kinds, check_parameters
 from foresight_env.equilibrium.conditions.layout import layout_of
 from foresight_env.equilibrium.newton.implicit import equilibrium
 from foresight_env.equilibrium.newton.schedule import limits_of
@@ -23,7 +23,6 @@ from foresight_env.inverse import (
     Profile,
     estimate,
 )
-from foresight_env.inverse.validation import check_kinds
 from foresight_env.scenarios.crosswalk import MONTE_CARLO, crosswalk_game
 from tests.support.small_games import (
     CROSSING_GAMMA,
