@@ -56,9 +56,9 @@ class Solution(NamedTuple):
     """Multipliers and slacks, for warm starts."""
 
     def __repr__(self) -> str:
-        if is_traced(self):
-            return f"Solution({tuple(self)!r})"
         shapes = ", ".join(str(np.shape(s)) for s in self.states)
+        if is_traced(self):
+            return f"Solution(traced, states: {shapes})"
         if np.ndim(self.status):
             solved = int(np.sum(np.asarray(self.status) == Status.SOLVED))
             return f"Solution({solved} of {np.size(self.status)} solved, states: {shapes})"
@@ -265,7 +265,8 @@ def solve(
 
     Raises:
         ValueError: wrong types or shapes, an entry of `theta` that nothing reads, non-finite
-            numbers, an initial state outside hard bounds, or a function that is not finite where the solve starts.
+            numbers, an initial state outside hard bounds, or a function that is not finite where
+            the solve starts.
         SolveError: with `throw`, when the status is not `Status.SOLVED`.
     """
     check_kinds(game=(game, Game), options=(options, SolverOptions), budget=(budget, Budget))
