@@ -16,6 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from foresight_env.annotations import no_type_check
 from foresight_env.games.costs import Weight, weight_value
 from foresight_env.games.permutation import PermutationInvariant
 from foresight_env.games.types import (
@@ -76,6 +77,7 @@ def _check_constraint(function: object, size: object) -> None:
         raise ValueError(f"size: is {size!r}; expected a whole number above 0")
 
 
+@no_type_check
 @dataclass(frozen=True)
 class Inequality:
     """One player's own inequality `function(i, t, x, u, theta) >= 0` at every stage, (size,).
@@ -96,6 +98,7 @@ class Inequality:
             )
 
 
+@no_type_check
 @dataclass(frozen=True)
 class Equality:
     """One player's own equality `function(i, t, x, u, theta) == 0` at every stage, (size,)."""
@@ -107,6 +110,7 @@ class Equality:
         _check_constraint(self.function, self.size)
 
 
+@no_type_check
 @dataclass(frozen=True)
 class SharedInequality:
     """`function(t, x, u, thetas) >= 0` at every stage, (size,), binding several players.

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from foresight_env.annotations import no_type_check
 from foresight_env.games.constraints import Bounds, Equality, Inequality, SharedInequality
 from foresight_env.games.discounting import Discounting, Exponential
 from foresight_env.games.dynamics import Dynamics
@@ -64,6 +65,7 @@ def check_parts(where: str, parts: Sequence[object], kind: type) -> None:
             raise ValueError(f"{where}[{k}]: is {part!r}; expected {kind.__name__}(...)")
 
 
+@no_type_check
 @dataclass(frozen=True)
 class Player:
     """One player of a game.
@@ -103,6 +105,7 @@ class Player:
         check_hashable("discounting", self.discounting)
 
 
+@no_type_check
 @dataclass(frozen=True)
 class Game:
     """`players` over `horizon` stages of `dt` seconds, with constraints that bind several.
