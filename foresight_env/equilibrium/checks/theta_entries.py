@@ -128,7 +128,8 @@ def check_entries_are_read(
 def _names(player: Player) -> set[str]:
     """Entries declared by the player, and names that are fields of its functions."""
     functions: list[Any] = [*player.costs, *player.undiscounted_costs]
-    functions += [c.function for c in (*player.inequalities, *player.equalities)]
+    constraints: list[Any] = [*player.inequalities, *player.equalities]
+    functions += [c.function for c in constraints]
     penalties = {c.penalty for c in player.inequalities if isinstance(c.penalty, str)}
     return {*player.extra_theta, *penalties, *(n for f in functions for n in _fields(f))}
 

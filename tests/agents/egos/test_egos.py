@@ -233,7 +233,7 @@ def test_states_are_moved_into_their_bounds():
 
 def test_unknown_names():
     with pytest.raises(
-        ValueError, match=r"ego: 'nobody' is unknown; choose from oracle, foresight"
+        ValueError, match=r"ego: 'nobody' is unknown; choose from oracle, infer-gamma"
     ):
         make_ego("nobody")
     env = crossing()
