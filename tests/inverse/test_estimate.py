@@ -443,21 +443,6 @@ def test_the_solution_of_an_estimate_is_that_of_its_game():
     np.testing.assert_allclose(found.solution.residual, again.residual, rtol=1e-3, atol=1e-12)
 
 
-def test_an_unfinished_solution_keeps_its_complementarity():
-    """With a loose barrier the products are most of the residual."""
-    options = SolverOptions(barrier=1e-3, tolerance=1e-4)
-    found = fit(played(), CROSSING_GAMMA, options=options)
-    again = solve(
-        crossing(),
-        found.initial_state,
-        found.theta,
-        found.gamma,
-        initial_guess=found.solution,
-        options=options,
-    )
-    np.testing.assert_allclose(found.solution.residual, again.residual, rtol=0.1)
-
-
 def test_an_estimate_prints_in_a_few_lines():
     found = fit(played()[:5])
     told = str(found)
