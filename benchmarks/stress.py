@@ -105,6 +105,7 @@ def walking_game(players: int, horizon: int, *, sigmoid: bool) -> Game:
         (Goal("goal_weight"), Effort("control_weight"), near),
         state_bounds=Bounds.box([-free, -free, -0.8, -0.8], [free, free, 0.8, 0.8], 4),
         control_bounds=Bounds.box(-2.0, 2.0, 2),
+        extra_theta=("collision_weight",),
     )
     return Game((player,) * players, horizon)
 
@@ -117,6 +118,7 @@ def driver(*costs: Any, **more: Any) -> Player:
         costs,
         state_bounds=Bounds.box([-free, -free, 0.0, -free], [free, free, 8.0, free], 4),
         control_bounds=Bounds.box([-6.0, -0.6], [4.0, 0.6], 2),
+        extra_theta=("goal", "speed"),
         **more,
     )
 
@@ -149,6 +151,7 @@ def mixed_game(players: int, horizon: int) -> Game:
         DoubleIntegrator(0.1),
         (Goal(), Effort(0.1), near),
         control_bounds=Bounds.box(-3.0, 3.0, 2),
+        extra_theta=("speed",),
     )
     car = driver(Goal(0.1), Effort(0.5), near)
     return Game(tuple(walker if i % 2 else car for i in range(players)), horizon)

@@ -14,8 +14,8 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-import foresight_env.envs  # noqa: F401  (registers the environments)
 from agents import make_ego
+from foresight_env.envs import scene_of  # and registers the environments
 
 SEED = 3
 
@@ -34,7 +34,7 @@ def by_hand() -> float:
     """Accelerate towards the goal, whoever stands there; returns the discounted return."""
     env = gymnasium.make("foresight/Crosswalk-v0")
     seen, _ = env.reset(seed=SEED)
-    gamma = env.unwrapped.scene.own(0).gamma  # type: ignore[attr-defined]
+    gamma = scene_of(env).own(0).gamma
     rewards, done = [], False
     while not done:
         wanted = 4.0 * (seen[-2:] - seen[:2]) - 3.0 * seen[2:4]  # own goal, position, velocity
@@ -50,7 +50,7 @@ def by_ego(name: str = "infer-gamma") -> float:
     """The same crossing, driven by a registered ego; returns the discounted return."""
     env = gymnasium.make("foresight/Crosswalk-v0")
     seen, info = env.reset(seed=SEED)
-    scene = env.unwrapped.scene  # type: ignore[attr-defined]
+    scene = scene_of(env)
     policy = make_ego(name)
     memory = policy.init(scene, "pedestrian_0")
     rewards, done = [], False

@@ -18,8 +18,10 @@ from highway_env.vehicle.behavior import IDMVehicle
 from highway_env.vehicle.kinematics import Vehicle
 from jaxtyping import Float
 
+from agents.egos.checks import check_memory
 from agents.egos.perception import Perception
 from agents.interfaces.policy import Decision
+from foresight_env.annotations import no_type_check
 from foresight_env.envs.core.scene import Scene
 from foresight_env.highway.axes import flipped_controls, flipped_places, flipped_states
 
@@ -54,14 +56,20 @@ class Idm:
         network.add_lane(*LANE[:2], PolyLaneFixedWidth([tuple(p) for p in places.tolist()]))
         return IdmMemory(Perception(scene, ego), network)
 
+    @no_type_check
     def update(
         self, memory: IdmMemory, observation: Float[np.ndarray, "size"], info: Mapping[str, Any]
     ) -> IdmMemory:
         """See `EgoPolicy`."""
-        return memory._replace(perception=memory.perception.taking(observation))
+        check_memory(memory, IdmMemory)
+        perception = memory.perception
+        perception.scene.check_episode(perception.ego, observation, info)
+        return memory._replace(perception=perception.taking(observation))
 
+    @no_type_check
     def act(self, memory: IdmMemory) -> tuple[Decision, IdmMemory]:
         """See `EgoPolicy`."""
+        check_memory(memory, IdmMemory)
         scene, ego = memory.perception.scene, memory.perception.ego
         if memory.perception.missing:
             decision, perception = memory.perception.waiting()

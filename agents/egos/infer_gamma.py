@@ -13,12 +13,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from agents.egos.checks import check_memory
 from agents.egos.motion import player_positions, present_state
 from agents.egos.own_state import observation_variance
 from agents.egos.perception import Perception
 from agents.egos.planning import ALTERNATIVE_STEPS, Plan, plan_equilibrium
 from agents.egos.predict_then_plan import PlanMemory, constant_velocity
 from agents.interfaces.policy import Decision
+from foresight_env.annotations import no_type_check
 from foresight_env.envs.core.scene import Scene
 from foresight_env.equilibrium import Budget
 from foresight_env.inverse import (
@@ -99,6 +101,7 @@ class InferGamma:
         early = constant_velocity().init(scene, agent)
         return InferGammaMemory(scene, ego, estimator, None, None, early)
 
+    @no_type_check
     def update(
         self,
         memory: InferGammaMemory,
@@ -106,11 +109,12 @@ class InferGamma:
         info: Mapping[str, Any],
     ) -> InferGammaMemory:
         """See `EgoPolicy`."""
-        seen = np.asarray(observation[:-2], dtype=float)
+        check_memory(memory, InferGammaMemory)
         scene, state = memory.scene, memory.state
         early = constant_velocity().update(memory.early, observation, info)
         if early.perception.missing:
             return memory._replace(early=early)
+        seen = np.asarray(observation[:-2], dtype=float)
         recent = np.stack([*(() if state is None else state.observations), seen])
         guessed = self._guess(early.perception, recent[-self.window :])
         if state is None:
@@ -157,8 +161,10 @@ class InferGamma:
             found.append(scene.opponent_prior.guess(own.theta, track, state))
         return found
 
+    @no_type_check
     def act(self, memory: InferGammaMemory) -> tuple[Decision, InferGammaMemory]:
         """See `EgoPolicy`."""
+        check_memory(memory, InferGammaMemory)
         scene, ego, state = memory.scene, memory.ego, memory.state
         if state is None or state.estimate is None or state.present is None:
             decision, early = constant_velocity().act(memory.early)

@@ -12,8 +12,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from agents.egos.checks import check_memory
 from agents.egos.planning import Plan, plan_equilibrium
 from agents.interfaces.policy import Decision
+from foresight_env.annotations import no_type_check
 from foresight_env.envs.core.scene import Scene
 from foresight_env.envs.core.world import unstacked
 
@@ -37,15 +39,26 @@ class Oracle:
         """See `EgoPolicy`."""
         return OracleMemory(scene, scene.index(agent), {}, None)
 
+    @no_type_check
     def update(
         self, memory: OracleMemory, observation: Float[np.ndarray, "size"], info: Mapping[str, Any]
     ) -> OracleMemory:
         """See `EgoPolicy`."""
+        check_memory(memory, OracleMemory)
+        memory.scene.check_episode(memory.ego, observation, info)
         return memory._replace(info=info)
 
+    @no_type_check
     def act(self, memory: OracleMemory) -> tuple[Decision, OracleMemory]:
         """See `EgoPolicy`."""
+        check_memory(memory, OracleMemory)
         info, scene = memory.info, memory.scene
+        for name in ("state", "gamma", "theta"):
+            if info.get(name) is None:
+                raise ValueError(
+                    f"memory: holds no information {name!r}; call update before act, with the "
+                    "environment's info"
+                )
         theta = [unstacked(info["theta"], j) for j in range(scene.players)]
         gammas = {j: (float(g), 0.0) for j, g in enumerate(info["gamma"]) if j != memory.ego}
         decision, plan = plan_equilibrium(

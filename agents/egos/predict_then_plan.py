@@ -14,11 +14,13 @@ import numpy as np
 from jaxtyping import Float
 from scipy.stats import norm
 
+from agents.egos.checks import check_memory
 from agents.egos.perception import Perception
 from agents.egos.planning import Plan, plan_response
 from agents.interfaces.policy import Decision
 from agents.interfaces.predictor import Forecast, History, Predictor
 from agents.predictors.kinematic import ConstantVelocityPredictor
+from foresight_env.annotations import no_type_check
 from foresight_env.envs.core.scene import Scene
 from foresight_env.games import Dynamics, Vehicle
 from foresight_env.games.motion import moving_state, planar_velocity
@@ -52,6 +54,7 @@ class PredictThenPlan:
         """See `EgoPolicy`."""
         return PlanMemory(Perception(scene, scene.index(agent)))
 
+    @no_type_check
     def update(
         self,
         memory: PlanMemory,
@@ -59,6 +62,8 @@ class PredictThenPlan:
         info: Mapping[str, Any],
     ) -> PlanMemory:
         """See `EgoPolicy`."""
+        check_memory(memory, PlanMemory)
+        memory.perception.scene.check_episode(memory.perception.ego, observation, info)
         perception = memory.perception.taking(observation)
         if perception.missing:
             return memory._replace(perception=perception)
@@ -67,8 +72,10 @@ class PredictThenPlan:
         track = (*known, np.stack(perception.states()))[-self.window :]
         return memory._replace(perception=perception, track=track)
 
+    @no_type_check
     def act(self, memory: PlanMemory) -> tuple[Decision, PlanMemory]:
         """See `EgoPolicy`."""
+        check_memory(memory, PlanMemory)
         scene, ego = memory.perception.scene, memory.perception.ego
         if memory.perception.missing:
             decision, perception = memory.perception.waiting()

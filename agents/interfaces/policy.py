@@ -56,7 +56,14 @@ class EgoPolicy(Protocol[Memory]):
     def update(
         self, memory: Memory, observation: Float[np.ndarray, "size"], info: Mapping[str, Any]
     ) -> Memory:
-        """Take in the latest observation; only an oracle may look at the truth in `info`."""
+        """Take in the latest observation.
+
+        Only an oracle may look at the truth about others in `info`. `scene.check_episode` tells
+        whether `observation` and `info` are of the scene's episode.
+
+        Raises:
+            ValueError: the observation has another shape, or is another episode's.
+        """
         ...
 
     def act(self, memory: Memory) -> tuple[Decision, Memory]:

@@ -13,12 +13,14 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
+from agents.egos.checks import check_memory
 from agents.egos.perception import Perception
 from agents.interfaces.policy import Decision
 from agents.learned.cloning import CloningNetwork
 from agents.learned.crosswalk_window import WINDOW, crosswalk_window
 from agents.learned.policy_network import PolicyNetwork
 from agents.learned.weights import FOLDER, load_network
+from foresight_env.annotations import no_type_check
 from foresight_env.envs.core.scene import Scene
 from foresight_env.scenarios.crosswalk import CONTROL_LIMIT
 
@@ -66,6 +68,7 @@ class ReactiveEgo:
             )
         return ReactiveMemory(Perception(scene, ego))
 
+    @no_type_check
     def update(
         self,
         memory: ReactiveMemory,
@@ -73,6 +76,8 @@ class ReactiveEgo:
         info: Mapping[str, Any],
     ) -> ReactiveMemory:
         """See `EgoPolicy`."""
+        check_memory(memory, ReactiveMemory)
+        memory.perception.scene.check_episode(memory.perception.ego, observation, info)
         perception = memory.perception.taking(observation)
         if perception.missing:
             return memory._replace(perception=perception)
@@ -81,8 +86,10 @@ class ReactiveEgo:
         seen = np.where(np.isnan(observation), moved, observation)
         return ReactiveMemory(perception, (*memory.observations, seen)[-WINDOW:])
 
+    @no_type_check
     def act(self, memory: ReactiveMemory) -> tuple[Decision, ReactiveMemory]:
         """See `EgoPolicy`."""
+        check_memory(memory, ReactiveMemory)
         if memory.perception.missing:
             decision, perception = memory.perception.waiting()
             return decision, memory._replace(perception=perception)

@@ -17,9 +17,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from foresight_env.annotations import no_type_check
 from foresight_env.compilation import compiled
 from foresight_env.equilibrium.checks.diagnosis import check_start_is_finite
-from foresight_env.equilibrium.checks.validation import BOUND_SLACK, check_parameters
+from foresight_env.equilibrium.checks.validation import BOUND_SLACK, check_kinds, check_parameters
 from foresight_env.equilibrium.conditions.kkt import Iterate, Parameters
 from foresight_env.equilibrium.conditions.layout import Layout, layout_of
 from foresight_env.equilibrium.conditions.pairs import pairs_of
@@ -56,9 +57,9 @@ class Solution(NamedTuple):
     """Multipliers and slacks, for warm starts."""
 
     def __repr__(self) -> str:
-        if is_traced(self):
-            return f"Solution({tuple(self)!r})"
         shapes = ", ".join(str(np.shape(s)) for s in self.states)
+        if is_traced(self):
+            return f"Solution(traced, states: {shapes})"
         if np.ndim(self.status):
             solved = int(np.sum(np.asarray(self.status) == Status.SOLVED))
             return f"Solution({solved} of {np.size(self.status)} solved, states: {shapes})"
@@ -232,6 +233,7 @@ def shift(solution: Solution) -> Solution:
     )
 
 
+@no_type_check
 def solve(
     game: Game,
     initial_state: Any,
@@ -263,10 +265,12 @@ def solve(
         solve failed.
 
     Raises:
-        ValueError: wrong shapes, non-finite numbers, an initial state outside hard bounds, or a
-            function that is not finite where the solve starts.
+        ValueError: wrong types or shapes, an entry of `theta` that nothing reads, non-finite
+            numbers, an initial state outside hard bounds, or a function that is not finite where
+            the solve starts.
         SolveError: with `throw`, when the status is not `Status.SOLVED`.
     """
+    check_kinds(game=(game, Game), options=(options, SolverOptions), budget=(budget, Budget))
     layout = layout_of(game)
     parameters = check_parameters(game, initial_state, theta, gamma)
     start = check_guess(layout, initial_guess)

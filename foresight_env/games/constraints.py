@@ -9,12 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from numbers import Integral
+from typing import Any, Literal
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from foresight_env.annotations import no_type_check
 from foresight_env.games.costs import Weight, weight_value
 from foresight_env.games.permutation import PermutationInvariant
 from foresight_env.games.types import (
@@ -62,11 +64,26 @@ class Bounds:
         return Bounds(low, high)
 
 
+def as_rows(value: Any) -> Float[Array, "rows"]:
+    """A constraint's value as a vector: a scalar is one row."""
+    rows = jnp.asarray(value)
+    return rows[None] if rows.ndim == 0 else rows
+
+
+def _check_constraint(function: object, size: object) -> None:
+    if not callable(function) or isinstance(function, type):
+        raise ValueError(f"function: is {function!r}; expected a callable")
+    if isinstance(size, bool) or not isinstance(size, Integral) or size < 1:
+        raise ValueError(f"size: is {size!r}; expected a whole number above 0")
+
+
+@no_type_check
 @dataclass(frozen=True)
 class Inequality:
     """One player's own inequality `function(i, t, x, u, theta) >= 0` at every stage, (size,).
 
-    `penalty=None` is hard; a positive number, or the name of an entry of `theta`, makes it elastic.
+    A function of one row may return a scalar. `penalty=None` is hard; a positive number, or the
+    name of an entry of `theta`, makes it elastic.
     """
 
     function: ConstraintFunction
@@ -74,12 +91,14 @@ class Inequality:
     penalty: Weight | None = None
 
     def __post_init__(self) -> None:
+        _check_constraint(self.function, self.size)
         if isinstance(self.penalty, (int, float)) and not self.penalty > 0.0:
             raise ValueError(
                 f"penalty: is {self.penalty}; expected more than 0, or None for a hard constraint"
             )
 
 
+@no_type_check
 @dataclass(frozen=True)
 class Equality:
     """One player's own equality `function(i, t, x, u, theta) == 0` at every stage, (size,)."""
@@ -87,7 +106,11 @@ class Equality:
     function: ConstraintFunction
     size: int
 
+    def __post_init__(self) -> None:
+        _check_constraint(self.function, self.size)
 
+
+@no_type_check
 @dataclass(frozen=True)
 class SharedInequality:
     """`function(t, x, u, thetas) >= 0` at every stage, (size,), binding several players.
@@ -108,6 +131,7 @@ class SharedInequality:
     players: tuple[int, ...] | None = None
 
     def __post_init__(self) -> None:
+        _check_constraint(self.function, self.size)
         if self.multiplier not in ("individual", "common"):
             raise ValueError(
                 f'multiplier: is {self.multiplier!r}; expected "individual" or "common"'

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from foresight_env.annotations import no_type_check
 from foresight_env.games.constraints import Bounds, Equality, Inequality, SharedInequality
 from foresight_env.games.discounting import Discounting, Exponential
 from foresight_env.games.dynamics import Dynamics
@@ -43,6 +44,28 @@ def as_tuples(owner: object, *fields: str) -> None:
         object.__setattr__(owner, field, tuple(value))
 
 
+def check_kind(where: str, part: object, kind: type, members: str) -> None:
+    """Raise `ValueError` where an object lacks a protocol's members, or is a class."""
+    if isinstance(part, type) or not isinstance(part, kind):
+        raise ValueError(
+            f"{where}: is {part!r}; expected an object with {members} ({kind.__name__})"
+        )
+
+
+def check_cost(where: str, cost: object) -> None:
+    """Raise `ValueError` where a cost is not a function `cost(i, t, x, u, theta)`."""
+    if not callable(cost) or isinstance(cost, type):
+        raise ValueError(f"{where}: is {cost!r}; expected a callable, cost(i, t, x, u, theta)")
+
+
+def check_parts(where: str, parts: Sequence[object], kind: type) -> None:
+    """Raise `ValueError` where an entry is not of this type."""
+    for k, part in enumerate(parts):
+        if not isinstance(part, kind):
+            raise ValueError(f"{where}[{k}]: is {part!r}; expected {kind.__name__}(...)")
+
+
+@no_type_check
 @dataclass(frozen=True)
 class Player:
     """One player of a game.
@@ -60,13 +83,29 @@ class Player:
     inequalities: tuple[Inequality, ...] = ()
     equalities: tuple[Equality, ...] = ()
     name: str = ""
+    extra_theta: tuple[str, ...] = ()
+    """Entries that `theta` may have although no cost or constraint reads them, such as a goal that
+    only an environment asks for. Any other entry that is not read is refused as a misspelt one."""
 
     def __post_init__(self) -> None:
-        as_tuples(self, "costs", "undiscounted_costs", "inequalities", "equalities")
+        as_tuples(self, "costs", "undiscounted_costs", "inequalities", "equalities", "extra_theta")
+        check_kind("dynamics", self.dynamics, Dynamics, "state_size, control_size and linear")
+        check_kind("discounting", self.discounting, Discounting, "limits, weight and ratio")
+        for field in ("costs", "undiscounted_costs"):
+            for k, cost in enumerate(getattr(self, field)):
+                check_cost(f"{field}[{k}]", cost)
+        for field, kind in (("inequalities", Inequality), ("equalities", Equality)):
+            check_parts(field, getattr(self, field), kind)
+        check_parts("extra_theta", self.extra_theta, str)
+        for field in ("state_bounds", "control_bounds"):
+            bounds = getattr(self, field)
+            if not isinstance(bounds, Bounds | None):
+                raise ValueError(f"{field}: is {bounds!r}; expected Bounds.box(...) or None")
         check_hashable("dynamics", self.dynamics)
         check_hashable("discounting", self.discounting)
 
 
+@no_type_check
 @dataclass(frozen=True)
 class Game:
     """`players` over `horizon` stages of `dt` seconds, with constraints that bind several.
@@ -81,6 +120,8 @@ class Game:
 
     def __post_init__(self) -> None:
         as_tuples(self, "players", "shared")
+        check_parts("players", self.players, Player)
+        check_parts("shared", self.shared, SharedInequality)
         if not self.players:
             raise ValueError("players: a game needs at least one player")
         if not isinstance(self.horizon, int) or self.horizon < 1:

@@ -6,7 +6,7 @@ Geometry is part of the game, in metres; what an agent makes of it (weights) is 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import jax
 import jax.numpy as jnp

@@ -31,10 +31,12 @@ CostFunction = Callable[[int, StageNumber, States, Controls, Theta], Scalar]
 """`cost(i, t, x, u, theta)`: what player `i` pays at stage `t` for the controls `u` of that stage
 and for the states `x` that they lead to, given player `i`'s own `theta`."""
 
-ConstraintFunction = Callable[[int, StageNumber, States, Controls, Theta], Float[Array, "_"]]
-"""`g(i, t, x, u, theta)`: a vector, satisfied when `g >= 0` (or `g == 0` for equalities)."""
+ConstraintFunction = Callable[[int, StageNumber, States, Controls, Theta], Float[Array, "*size"]]
+"""`g(i, t, x, u, theta)`: a vector (or a scalar, for one row), satisfied when `g >= 0` (or `g == 0`
+for equalities)."""
 
 SharedConstraintFunction = Callable[
-    [StageNumber, States, Controls, tuple[Theta, ...]], Float[Array, "_"]
+    [StageNumber, States, Controls, tuple[Theta, ...]], Float[Array, "*size"]
 ]
-"""`g(t, x, u, thetas)`: a vector, satisfied when `g >= 0`, given every player's `theta`."""
+"""`g(t, x, u, thetas)`: a vector (or a scalar, for one row), satisfied when `g >= 0`, given every
+player's `theta`."""

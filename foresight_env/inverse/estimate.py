@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from foresight_env.compilation import compiled
-from foresight_env.equilibrium.checks.validation import check_parameters
+from foresight_env.equilibrium.checks.validation import check_kinds, check_parameters
 from foresight_env.equilibrium.conditions.kkt import Iterate, Parameters
 from foresight_env.equilibrium.conditions.layout import layout_of
 from foresight_env.equilibrium.newton.implicit import Equilibrium
@@ -39,7 +39,7 @@ from foresight_env.inverse.prior import Prior, prior_terms
 from foresight_env.inverse.profile import Profile, profiled
 from foresight_env.inverse.tracking import track
 from foresight_env.inverse.validation import (
-    check_kinds,
+    check_information,
     check_observations,
     check_rates,
     check_start,
@@ -216,6 +216,7 @@ def estimate(
         An `Estimate`; check `status`.
 
     Raises:
+        NeverSeenError: an agent whose initial state is free was never seen.
         ValueError: an argument has the wrong shape or value; the message names it.
     """
     check_kinds(
@@ -243,6 +244,8 @@ def estimate(
         problem = Problem(layout, coordinates, model, options)
         begin = np.asarray(coordinates.pack(parameters))
         mean, root = prior_terms(prior, coordinates, parameters, chosen)
+        believed = np.any(root != 0.0, axis=0)
+        check_information(model, observations, coordinates, chosen, believed)
         limits = coordinates.limits(free, chosen)
         check_start(coordinates, begin, *limits)
         data = Data(values, whiten, mean, root, chosen.astype(float), *limits)
@@ -269,10 +272,10 @@ def estimate(
         intervals = laplace_intervals(fit.values[at], spread[at, at], limits[0][at], limits[1][at])
     else:
         # A narrow interval speaks for the data unless the prior alone would make it narrow.
-        believed = np.sum(root[:, at] ** 2, axis=0) > OPEN_GAMMA_DEVIATION**-2
+        firm = np.sum(root[:, at] ** 2, axis=0) > OPEN_GAMMA_DEVIATION**-2
         narrow = np.diff(intervals)[:, 0] < profile.level * (limits[1] - limits[0])[at]
         identifiable = identifiable.copy()
-        identifiable[at] = np.where(believed, identifiable[at], narrow)
+        identifiable[at] = np.where(firm, identifiable[at], narrow)
     status = solution.status if fit.success else np.asarray(int(Status.ITERATION_LIMIT))
     free_ones = tuple(
         p for p, is_free in zip(coordinates.parameters, chosen, strict=True) if is_free

@@ -214,7 +214,10 @@ class MovingHorizonEstimator:
         if state.estimate is not None and state.initial_guess is not None:
             last = moved_along(state.estimate, sliding)
         update = self._update_one_game if self.budget.single_game else self._update
-        return update(state, fits, last, sliding)
+        try:
+            return update(state, fits, last, sliding)
+        except NeverSeenError:  # out of sight for the whole window, and nothing is known before it
+            return self._keep(state, sliding)
 
     def _update(
         self, state: MovingHorizonState, fits: WindowFit, last: Estimate | None, sliding: bool

@@ -10,16 +10,8 @@ from jaxtyping import Float
 from foresight_env.equilibrium.conditions.layout import Layout
 from foresight_env.games.observations import ObservationModel
 from foresight_env.inverse.coordinates import Coordinates
+from foresight_env.inverse.initial import NeverSeenError
 from foresight_env.inverse.linear_step import Rates
-
-
-def check_kinds(**arguments: tuple[Any, ...]) -> None:
-    """Each argument's value, then the types that it may have: raises `ValueError` by name."""
-    for name, (value, *kinds) in arguments.items():
-        if not isinstance(value, tuple(kinds)):
-            wanted = " or ".join(k.__name__ for k in kinds if k is not type(None))
-            given = getattr(value, "__name__", repr(value))
-            raise ValueError(f"{name}: is {given}, not made by calling {wanted}(...)")
 
 
 def check_observations(
@@ -69,6 +61,45 @@ def check_observations(
             "positive number"
         ) from error
     return np.where(seen, values, 0.0), np.where(both, np.linalg.inv(roots), 0.0)
+
+
+def check_information(
+    model: ObservationModel,
+    observations: Any,
+    coordinates: Coordinates,
+    free: np.ndarray,
+    believed: np.ndarray,
+) -> None:
+    """Raise `ValueError` where the observations cannot say anything of what is estimated.
+
+    Args:
+        model: the observation model.
+        observations: (K, size), NaN where missing.
+        coordinates: of the parameters.
+        free: (p,) which parameters are estimated.
+        believed: (p,) about which parameters the prior knows something.
+
+    Raises:
+        NeverSeenError: the initial state of an agent is free, and neither the observations nor the
+            prior know anything of this agent.
+        ValueError: only `x_1` is observed, and it is known.
+    """
+    seen = ~np.isnan(np.asarray(observations, dtype=float))
+    states = free & (coordinates.kinds == "initial_state")
+    owners = np.array([parameter.player for parameter in coordinates.parameters])
+    for player in np.unique(owners[states]):
+        # An entry without an owner may tell of everybody.
+        tells = [owner in (None, player) for owner in model.owners]
+        if not seen[:, tells].any() and not believed[states & (owners == player)].any():
+            raise NeverSeenError(
+                f"observations: player {player} was never seen, and its initial state is free; "
+                "leave it out of the game, or fix its initial state"
+            )
+    if not states.any() and not seen[1:].any():
+        raise ValueError(
+            "observations: every entry after x_1 is missing, and x_1 is known; expected some of "
+            "x_2 or later"
+        )
 
 
 def check_rates(layout: Layout, rates: Rates | None, guessed: bool, count: int) -> None:

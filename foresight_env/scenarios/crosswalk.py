@@ -122,6 +122,7 @@ def crosswalk_game(
         ),
         control_bounds=Bounds.box(-CONTROL_LIMIT, CONTROL_LIMIT, 2),
         inequalities=inequalities,
+        extra_theta=("collision_weight",),  # of walkers that are alone or keep apart by constraint
     )
     return Game((player,) * players, horizon, shared, dt)
 

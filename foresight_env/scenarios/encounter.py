@@ -104,6 +104,10 @@ def player_theta(kind: str, wish: Any) -> dict[str, Any]:
     return {**weights, "velocity": wish}
 
 
+ALONE_UNREAD = ("collision_weight",)
+"""Entries of `theta` that nothing reads where an agent meets nobody."""
+
+
 @lru_cache(maxsize=64)
 def encounter_game(kinds: tuple[str, ...], horizon: int, dt: float) -> Game:
     """The game between agents of these kinds; `theta` as `player_theta` makes it.
@@ -123,10 +127,12 @@ def encounter_game(kinds: tuple[str, ...], horizon: int, dt: float) -> Game:
             *crowding,
         ),
         control_bounds=Bounds.box([-bound for bound in steering], steering, 2),
+        extra_theta=ALONE_UNREAD,
     )
     walker = Player(
         DoubleIntegrator(dt),
         (Cruise("cruise_weight"), Effort("control_weight"), *crowding),
         control_bounds=Bounds.box(-ACCELERATION_LIMIT, ACCELERATION_LIMIT, 2),
+        extra_theta=ALONE_UNREAD,
     )
     return Game(tuple(vehicle if is_vehicle(k) else walker for k in kinds), horizon, (), dt)

@@ -129,6 +129,7 @@ def intersection_game(
                 control_bounds=_control_bounds(walks),
                 inequalities=_region_constraints(walks, region, penalty),
                 name=kind,
+                extra_theta=() if walks else ("lane_weight",),  # of cars without a lane
             )
         )
     return Game(tuple(players), horizon, (), dt)

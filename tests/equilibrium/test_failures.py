@@ -16,6 +16,7 @@ from foresight_env.equilibrium import (
     shift,
     solve,
     solve_many,
+    verify,
 )
 from foresight_env.equilibrium.checks.validation import check_parameters
 from foresight_env.equilibrium.conditions.layout import layout_of
@@ -26,6 +27,7 @@ from foresight_env.games import (
     Bounds,
     DoubleIntegrator,
     Effort,
+    Equality,
     Game,
     Goal,
     Inequality,
@@ -253,6 +255,7 @@ class Overflowing(DoubleIntegrator):
 )
 def test_functions_that_are_not_finite_at_the_start_are_named(changes, named):
     arguments = {"dynamics": DoubleIntegrator(0.2), "costs": (Goal(), Effort()), **changes}
+    arguments["extra_theta"] = ("divisor", "goal")
     game = Game((Player(**arguments),), 4)
     theta = ({"divisor": 0.0, "goal": np.array([1.0, 0.0])},)
     with pytest.raises(ValueError, match=named):
@@ -399,3 +402,83 @@ def test_a_guess_with_other_constraints_is_refused():
     fenced = replace(game, players=(replace(own, inequalities=(Inequality(roomy, 1),)),))
     with pytest.raises(ValueError, match="initial_guess: solves another game: slacks have shape"):
         solve(fenced, np.zeros((1, 4)), theta, 0.95, initial_guess=found)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("options", {}), ("options", SolverOptions), ("budget", 3), ("budget", {}), ("game", None)],
+)
+def test_settings_of_another_kind_are_named(name, value):
+    arguments = {"game": crossing(), **{name: value}}
+    with pytest.raises(ValueError, match=f"{name}: is .* not made by calling"):
+        solve(
+            initial_state=CROSSING_STATES,
+            theta=crossing_theta(),
+            gamma=CROSSING_GAMMA,
+            **arguments,
+        )
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("options", {}), ("game", None), ("initial_guess", np.zeros(3))]
+)
+def test_settings_of_another_kind_are_named_for_many(name, value):
+    arguments = {"game": crossing(), **{name: value}}
+    with pytest.raises(ValueError, match=f"{name}: is .* not made by calling"):
+        solve_many(
+            initial_state=CROSSING_STATES[None],
+            theta=crossing_theta(),
+            gamma=CROSSING_GAMMA,
+            **arguments,
+        )
+
+
+def below(i, t, x, u, theta):
+    return 0.5 - x[i][0]
+
+
+def below_row(i, t, x, u, theta):
+    return below(i, t, x, u, theta)[None]
+
+
+def along(i, t, x, u, theta):
+    return u[i][0] - 2.0 * u[i][1]
+
+
+def along_row(i, t, x, u, theta):
+    return along(i, t, x, u, theta)[None]
+
+
+def apart(t, x, u, thetas):
+    return 0.9 - x[0][1]
+
+
+def apart_row(t, x, u, thetas):
+    return apart(t, x, u, thetas)[None]
+
+
+@lru_cache
+def one_row(scalar):
+    """An own inequality, elastic and hard, an equality and a shared row, each active."""
+    own, equal, shared = (below, along, apart) if scalar else (below_row, along_row, apart_row)
+    player = Player(
+        DoubleIntegrator(0.2),
+        (Goal(), Effort()),
+        inequalities=(Inequality(own, 1, 0.3),),
+        equalities=(Equality(equal, 1),),
+    )
+    return Game((player,), 6, (SharedInequality(shared, 1),))
+
+
+def test_a_scalar_is_one_row():
+    found, rows = (solve(one_row(scalar), ORIGIN, GOAL, 0.9) for scalar in (True, False))
+    assert found.status == Status.SOLVED
+    for scalar, row in zip(found.point, rows.point, strict=True):
+        np.testing.assert_array_equal(scalar, row)
+    assert verify(one_row(True), found, GOAL, 0.9).is_local_equilibrium
+
+
+def test_a_scalar_is_not_two_rows():
+    player = Player(DoubleIntegrator(0.2), (Goal(),), inequalities=(Inequality(below, 2),))
+    with pytest.raises(ValueError, match=r"inequalities\[0\] \(below\): returns shape \(\)"):
+        solve(Game((player,), 3), ORIGIN, GOAL, 0.9)

@@ -9,6 +9,7 @@ from foresight_env.games import (
     Bounds,
     DoubleIntegrator,
     Effort,
+    Equality,
     Game,
     Goal,
     Inequality,
@@ -150,3 +151,41 @@ def test_stage_cost_charges_nothing_for_a_constraint_that_holds_or_is_hard():
         discounted, flat = stage_cost(game, 0, 1, x, u, {"goal": jnp.zeros(2)})
     assert float(discounted) == 0.0
     assert float(flat) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("changes", "named"),
+    [
+        ({"costs": (Goal(), 1.0)}, r"costs\[1\]: is 1.0"),
+        ({"costs": (Goal,)}, r"costs\[0\]: is <class"),
+        ({"costs": Goal()}, "costs: is a Goal"),
+        ({"undiscounted_costs": ("near",)}, r"undiscounted_costs\[0\]: is 'near'"),
+        ({"inequalities": (MinimumDistance(1.0),)}, r"inequalities\[0\]: .*expected Inequality"),
+        ({"equalities": (Inequality(MinimumDistance(1.0), 1),)}, r"equalities\[0\]: .*Equality"),
+        ({"dynamics": 3}, "dynamics: is 3"),
+        ({"dynamics": DoubleIntegrator}, "dynamics: is <class"),
+        ({"dynamics": Goal()}, "dynamics: is Goal"),
+        ({"discounting": 0.9}, "discounting: is 0.9"),
+        ({"state_bounds": (0.0, 1.0)}, r"state_bounds: is \(0.0, 1.0\)"),
+        ({"control_bounds": 1.0}, "control_bounds: is 1.0"),
+    ],
+)
+def test_parts_of_a_player_of_the_wrong_kind_are_named(changes, named):
+    with pytest.raises(ValueError, match=named):
+        Player(**{"dynamics": DoubleIntegrator(0.1), "costs": (Goal(),), **changes})
+
+
+def test_parts_of_a_game_of_the_wrong_kind_are_named():
+    with pytest.raises(ValueError, match=r"players\[1\]: is DoubleIntegrator"):
+        Game((player(), DoubleIntegrator(0.1)), 3)
+    with pytest.raises(ValueError, match=r"shared\[0\]: is SharedMinimumDistance"):
+        Game((player(), player()), 3, (SharedMinimumDistance(1.0),))
+
+
+@pytest.mark.parametrize("kind", [Inequality, Equality, SharedInequality])
+def test_constraints_need_a_function_and_a_size(kind):
+    with pytest.raises(ValueError, match=r"function: is 1\.0"):
+        kind(1.0, 1)
+    for size in (0, True, 1.5):
+        with pytest.raises(ValueError, match=f"size: is {size}"):
+            kind(MinimumDistance(1.0), size)

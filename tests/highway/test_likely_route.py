@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from foresight_env.highway.axes import flipped_places
 from foresight_env.highway.likely_route import likely_path
-from foresight_env.highway.routes import SPACING
+from foresight_env.highway.routes import POINTS, SPACING
 from foresight_env.highway.scenes import SCENES
 
 WINDOW = 10
@@ -58,3 +59,55 @@ def test_off_every_road_straight_on():
     found = likely_path(SCENES["left_turn"], track, float("nan"))
     np.testing.assert_allclose(found[:, 2], np.pi / 4.0)
     np.testing.assert_allclose(distance(found, track), 0.0, atol=0.8)
+
+
+def reference(scene, lane, places):
+    """(K,) distances of places from a lane's middle by highway-env, m."""
+    there = SCENES[scene].network.get_lane(lane)
+    return np.array([abs(there.local_coordinates(flipped_places(p))[1]) for p in places])
+
+
+@pytest.mark.parametrize("number", [0, 1, 2])
+def test_a_track_along_a_straight_lane_is_followed_along_that_lane(number):
+    """By definition: the path is the lane's middle, at even distances, without curvature."""
+    lane = ("0", "1", number)
+    there = SCENES["lane_change"].network.get_lane(lane)
+    at = np.arange(100.0, 105.0)
+    track = np.array([flipped_places(there.position(s, 0.0)) for s in at])
+    found = likely_path(SCENES["lane_change"], track, float("nan"))
+    assert found.shape == (POINTS, 4)
+    np.testing.assert_allclose(reference("lane_change", lane, found[:, :2]), 0.0, atol=1e-6)
+    np.testing.assert_allclose(np.diff(found[:, 0]), SPACING, atol=1e-3)
+    np.testing.assert_allclose(found[:, 2:], 0.0, atol=1e-6)
+    along = found[:, 0] - track[-1, 0]
+    assert -35.0 < along[0] < -10.0  # a little of the lane behind the car, the rest ahead
+    assert along[-1] > 100.0
+
+
+@pytest.mark.parametrize("offset", [-1.0, 1.0])
+def test_a_car_beside_its_lane_s_middle_is_on_the_lane_all_the_same(offset):
+    lane = ("0", "1", 1)
+    there = SCENES["lane_change"].network.get_lane(lane)
+    track = np.array([flipped_places(there.position(s, offset)) for s in np.arange(100.0, 105.0)])
+    found = likely_path(SCENES["lane_change"], track, 0.0)
+    np.testing.assert_allclose(reference("lane_change", lane, found[:, :2]), 0.0, atol=1e-6)
+
+
+def test_the_track_decides_between_ways_that_part():
+    """Three cars come from the north; each way is recognised once it has been entered."""
+    paths = SCENES["left_turn"].paths
+    for car, end in ((1, 60.0), (2, 52.0)):
+        track, heading = driven("left_turn", car, end)
+        found = likely_path(SCENES["left_turn"], track, heading)
+        later = paths[car][int((end + 10.0) / SPACING) : int((end + 30.0) / SPACING), :2]
+        assert distance(found, later).max() < 1.2
+        other = paths[3 - car][int((end + 25.0) / SPACING) : int((end + 30.0) / SPACING), :2]
+        assert distance(found, other).max() > 3.0
+
+
+def test_paths_are_shared_and_cannot_be_changed():
+    track, heading = driven("merge", 1, 60.0)
+    one, two = (likely_path(SCENES["merge"], track, heading) for _ in range(2))
+    assert one is two
+    with pytest.raises(ValueError, match="read-only"):
+        one[0, 0] = 0.0

@@ -8,22 +8,22 @@ import numpy as np
 import pytest
 
 from foresight_env.equilibrium import Budget, SolverOptions, Status, solve
-from foresight_env.equilibrium.checks.validation import check_parameters
+from foresight_env.equilibrium.checks.validation import check_kinds, check_parameters
 from foresight_env.equilibrium.conditions.layout import layout_of
 from foresight_env.equilibrium.newton.implicit import equilibrium
 from foresight_env.equilibrium.newton.schedule import limits_of
 from foresight_env.equilibrium.newton.start import begin
-from foresight_env.games import full_state, positions
+from foresight_env.games import ObservationModel, full_state, positions
 from foresight_env.inverse import (
     Free,
     GaussNewton,
     GradientDescent,
     MultiStart,
+    NeverSeenError,
     Prior,
     Profile,
     estimate,
 )
-from foresight_env.inverse.validation import check_kinds
 from foresight_env.scenarios.crosswalk import MONTE_CARLO, crosswalk_game
 from tests.support.small_games import (
     CROSSING_GAMMA,
@@ -425,3 +425,62 @@ def test_a_search_that_begins_too_far_off_ends():
     gone_on = fit(played(), method=GaussNewton(smoothing=(), initial_cost_limit=1e9), **options)
     assert int(gone_on.num_forward_solves) > 1
     assert gone_on.cost < 1e-8
+
+
+def test_the_solution_of_an_estimate_is_that_of_its_game():
+    found = fit(played()[:5], method=GaussNewton(max_iterations=2))
+    assert found.status == Status.SOLVED
+    assert found.solution.iterations == found.num_newton_steps > 0
+    again = solve(
+        crossing(),
+        found.initial_state,
+        found.theta,
+        found.gamma,
+        initial_guess=found.solution,
+        budget=Budget(phases=1),
+    )
+    assert again.iterations == 0  # nothing is left to be done
+    np.testing.assert_allclose(found.solution.residual, again.residual, rtol=1e-3, atol=1e-12)
+
+
+def test_an_estimate_prints_in_a_few_lines():
+    found = fit(played()[:5])
+    told = str(found)
+    assert told.startswith("Estimate(SOLVED")
+    assert "iterations=" in told
+    assert f"{found.gamma[0]:.2f}" in told
+    assert len(told) < 300
+
+
+def hidden(rows, columns):
+    """Observations of which these are missing."""
+    seen = played()[:5].copy()
+    seen[rows, columns] = np.nan
+    return seen
+
+
+EVERYTHING, SECOND = slice(None), slice(4, 8)
+
+
+def test_observations_that_say_nothing_are_refused():
+    with pytest.raises(ValueError, match="observations: every entry is missing"):
+        fit(hidden(EVERYTHING, EVERYTHING))
+    with pytest.raises(ValueError, match="observations: every entry after x_1 is missing"):
+        fit(hidden(slice(1, None), EVERYTHING))
+
+
+@pytest.mark.parametrize("free", [Free(initial_state=True), (Free(), Free((), False, True))])
+def test_an_agent_that_was_never_seen_has_no_free_initial_state(free):
+    with pytest.raises(NeverSeenError, match="player 1 was never seen"):
+        fit(hidden(EVERYTHING, SECOND), free=free)
+
+
+def test_an_unseen_agent_is_fitted_where_something_else_tells_of_it():
+    unseen = hidden(EVERYTHING, SECOND)
+    assert fit(unseen).status == Status.SOLVED  # its initial state is known
+    free = (Free((), True), Free((), False, True))
+    believed = Prior(0.0, mean=np.array([0.9, *CROSSING_STATES[1]]), information=np.eye(5))
+    assert fit(unseen, free=free, prior=believed, gamma=CROSSING_GAMMA).status == Status.SOLVED
+    between = ObservationModel(lambda x: x[0][:2] - x[1][:2], (None, None))
+    gaps = played()[:5, :2] - played()[:5, 4:6]
+    assert fit(gaps, model=between, free=Free((), True, True)).status == Status.SOLVED

@@ -26,7 +26,7 @@ def ego(name):
 def drive(policies, seed=0, poison=None, **arguments):
     """Run an episode; per step a dict of decisions, and the infos before them.
 
-    `policies`: by agent. `poison`: what the policies get in place of `info`.
+    `policies`: by agent. `poison`: makes what the policies get of `info`.
     """
     env = crossing(**arguments)
     observations, infos = env.reset(seed=seed)
@@ -35,7 +35,7 @@ def drive(policies, seed=0, poison=None, **arguments):
     while env.agents:
         step = {}
         for agent in env.agents:
-            info = infos[agent] if poison is None else poison
+            info = infos[agent] if poison is None else poison(infos[agent])
             policy = policies[agent]
             memory = policy.update(memories[agent], observations[agent], info)
             step[agent], memories[agent] = policy.act(memory)

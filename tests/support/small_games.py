@@ -81,6 +81,7 @@ def crossing(proximity: str = "soft", horizon: int = 8, multiplier: str = "indiv
         state_bounds=Bounds.box([-np.inf, -np.inf, -0.9, -0.9], [np.inf, np.inf, 0.9, 0.9], 4),
         control_bounds=Bounds.box(-2.0, 2.0, 2),
         inequalities=inequalities,
+        extra_theta=("closest", "price"),  # of the game with a shared constraint
     )
     return Game((player, player), horizon, shared, 0.2)
 

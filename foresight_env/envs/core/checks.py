@@ -109,11 +109,16 @@ def _numbers(name: str, value: Any, shape: tuple[int, ...]) -> np.ndarray:
     return array.astype(float)
 
 
-def check_gamma(name: str, value: Any, players: int) -> Float[np.ndarray, "N"]:
-    """Discount factors; above 1 is allowed."""
-    gamma = _numbers(name, value, (players,))
-    if (gamma < 0.0).any():
-        raise ValueError(f"{name}: is {gamma}; discount factors are at least 0")
+def check_gamma(name: str, value: Any, world: World) -> Float[np.ndarray, "N"]:
+    """Discount factors, each within the limits of its player's discounting."""
+    gamma = _numbers(name, value, (world.players,))
+    for i, player in enumerate(world.game(1).players):
+        least, most = player.discounting.limits
+        if not least <= gamma[i] <= most:
+            kind = type(player.discounting).__name__
+            raise ValueError(
+                f"{name}[{i}]: is {gamma[i]:g}; {kind} discounting takes {least:g} to {most:g}"
+            )
     return gamma
 
 
@@ -188,7 +193,7 @@ def check_episode_parameters(value: Any, world: World) -> EpisodeParameters:
     return EpisodeParameters(
         check_states("options['episode_parameters'].initial_state", value.initial_state, world),
         tuple(thetas),
-        check_gamma("options['episode_parameters'].gamma", value.gamma, world.players),
+        check_gamma("options['episode_parameters'].gamma", value.gamma, world),
     )
 
 
@@ -203,7 +208,7 @@ def check_options(options: Any, world: World) -> dict[str, Any]:
         return {}
     checks: dict[str, Callable[[str, Any], Any]] = {
         "episode_parameters": lambda _, value: check_episode_parameters(value, world),
-        "gamma": lambda name, value: check_gamma(name, value, world.players),
+        "gamma": lambda name, value: check_gamma(name, value, world),
         "goals": lambda name, value: check_positions(name, value, world),
         "initial_state": lambda name, value: check_states(name, value, world),
     }

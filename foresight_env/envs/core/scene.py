@@ -11,9 +11,31 @@ import numpy as np
 from gymnasium.error import ResetNeeded
 from jaxtyping import Array, Float
 
+from foresight_env.annotations import no_type_check
 from foresight_env.games import Game, ObservationModel, full_state, positions
 from foresight_env.games.types import States
 from foresight_env.names import Observation
+
+
+def scene_of(env: Any) -> Scene:
+    """The present episode's `Scene` of an environment in any wrappers.
+
+    The typed form of `env.unwrapped.scene`, whose `scene` type checkers do not know: Gymnasium's
+    `make` and PettingZoo's wrappers return environments in general.
+
+    Args:
+        env: an environment of this library, such as `gymnasium.make("foresight/Crosswalk-v0")`.
+
+    Raises:
+        ValueError: it is no environment of this library with a scene.
+    """
+    scene = getattr(getattr(env, "unwrapped", env), "scene", None)
+    if not isinstance(scene, Scene):
+        raise ValueError(
+            f"env: is {env!r}; expected an environment of foresight_env for one agent, or a "
+            "parallel one"
+        )
+    return scene
 
 
 class Own(NamedTuple):
@@ -128,3 +150,49 @@ class Scene:
                 "again, and then init the policy with it"
             )
         return deepcopy(self._own[player])
+
+    @no_type_check
+    def check_episode(
+        self, agent: str | int, observation: Float[np.ndarray, "size"], info: Mapping[str, Any]
+    ) -> None:
+        """Check that what an agent is shown belongs to this scene's episode.
+
+        An episode is known by the agent's own parameters: the goal at the end of its observations
+        and, where `info` has them, its own entries of `gamma` and `theta`.
+
+        Args:
+            agent: a controlled agent.
+            observation: (size,) as the environment returns it, the goal at its end.
+            info: the environment's information, which may lack entries.
+
+        Raises:
+            ValueError: the observation has another shape, or the parameters are another episode's.
+        """
+        player = self.index(agent)
+        expected = (self.observation_model(player).size + 2,)
+        if np.shape(observation) != expected:
+            raise ValueError(
+                f"observation: has shape {np.shape(observation)}; expected {expected}, as the "
+                "environment returns it"
+            )
+        if not isinstance(info, Mapping):
+            raise ValueError(f"info: is {info!r}; expected a mapping, as the environment returns")
+        own = self._own.get(player)
+        if own is None:
+            return
+        shown = {"observation: goal": (observation[-2:], own.theta["goal"])}
+        if info.get("gamma") is not None:
+            shown["info: gamma"] = info["gamma"][player], own.gamma
+        if info.get("theta") is not None:
+            told = info["theta"]
+            for name, value in own.theta.items():
+                if name in told:
+                    shown[f"info: theta[{name!r}]"] = told[name][player], value
+        for name, (found, value) in shown.items():
+            # A goal that is not observed is NaN; single precision is allowed.
+            missing = np.isnan(found)
+            if not (missing | np.isclose(found, value, rtol=1e-5, atol=1e-5)).all():
+                raise ValueError(
+                    f"{name} is {found}, but {value} in the scene: it is another episode's; take "
+                    "env.scene after reset and init the policy with it"
+                )

@@ -58,8 +58,8 @@ within 0.25 m of its goal at the end of a step. Truncated: `max_steps` without e
 - `max_steps=60`: steps until truncation.
 - `render_mode=None`: `"rgb_array"` or `"human"`.
 
-**Options of `reset`**, each in place of what would be drawn: `"gamma"` (N,), `"goals"` (N, 2)
-m, `"initial_state"` (N, 4) m and m/s, `"episode_parameters"`, a whole
+**Options of `reset`**, each in place of what would be drawn: `"gamma"` (N,), at least 0, `"goals"`
+(N, 2) m, `"initial_state"` (N, 4) m and m/s, `"episode_parameters"`, a whole
 `scenarios.episode_parameters.EpisodeParameters`. Single entries win over `"episode_parameters"`.
 Without a seed, `reset` continues the stream of the last one; an episode does not depend on how long
 the ones before it took.

@@ -74,8 +74,8 @@ without any of these. Afterwards `agents` is empty and `step` raises `gymnasium.
 - `max_steps=None`: steps until truncation; None: the scene's.
 - `render_mode=None`: `"rgb_array"` or `"human"`.
 
-**Options of `reset`**, each in place of what would be drawn: `"gamma"` (N,), `"goals"` (N, 2)
-m, `"initial_state"` (N, 4), `"episode_parameters"`, a whole
+**Options of `reset`**, each in place of what would be drawn: `"gamma"` (N,), at least 0, `"goals"`
+(N, 2) m, `"initial_state"` (N, 4), `"episode_parameters"`, a whole
 `scenarios.episode_parameters.EpisodeParameters`. Single entries win over `"episode_parameters"`.
 Without a seed, `reset` continues the stream of the last one; an episode does not depend on how long
 the ones before it took.

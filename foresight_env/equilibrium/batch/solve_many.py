@@ -11,9 +11,10 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
+from foresight_env.annotations import no_type_check
 from foresight_env.equilibrium.batch.in_turn import solve_in_turn
 from foresight_env.equilibrium.batch.slots import solve_in_slots
-from foresight_env.equilibrium.checks.validation import check_parameters
+from foresight_env.equilibrium.checks.validation import check_kinds, check_parameters
 from foresight_env.equilibrium.conditions.kkt import Iterate, Parameters
 from foresight_env.equilibrium.conditions.layout import Layout, layout_of
 from foresight_env.equilibrium.linear_algebra.riccati import leaves_to_library
@@ -30,6 +31,7 @@ LIBRARY_SLOTS = 16
 at once make jaxlib (0.10) wait for ever, and batch slots do without it."""
 
 
+@no_type_check
 def solve_many(
     game: Game,
     initial_state: Any,
@@ -59,9 +61,15 @@ def solve_many(
         A `Solution` whose arrays have a leading axis of B, each game with its own `status`.
 
     Raises:
-        ValueError: wrong shapes, non-finite numbers, initial states outside hard bounds; the first
-            wrong game is named. Nothing is solved then.
+        ValueError: wrong types or shapes, an entry of `theta` that nothing reads, non-finite
+            numbers, initial states outside hard bounds; the first wrong game is named. Nothing is
+            solved then.
     """
+    check_kinds(
+        game=(game, Game),
+        options=(options, SolverOptions),
+        initial_guess=(initial_guess, Solution, type(None)),
+    )
     layout = layout_of(game)
     states = _joint_states(layout, initial_state)
     count = len(states)

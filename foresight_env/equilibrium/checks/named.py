@@ -20,6 +20,8 @@ class Part(NamedTuple):
     """What it must return."""
     before: bool = False
     """Whether it is a function of the states that a stage starts from (dynamics)."""
+    rows: bool = False
+    """Whether it is a constraint: a scalar is one row."""
 
 
 def parts_of(game: Game) -> Iterator[Part]:
@@ -42,9 +44,10 @@ def parts_of(game: Game) -> Iterator[Part]:
         for kind in ("inequalities", "equalities"):
             for k, c in enumerate(getattr(player, kind)):
                 where = f"players[{i}].{kind}[{k}]"
-                yield Part(_told(where, c.function), own(c.function), (c.size,))
+                yield Part(_told(where, c.function), own(c.function), (c.size,), rows=True)
     for k, shared in enumerate(game.shared):
-        yield Part(_told(f"shared[{k}]", shared.function), shared.function, (shared.size,))
+        where = _told(f"shared[{k}]", shared.function)
+        yield Part(where, shared.function, (shared.size,), rows=True)
 
 
 def _told(where: str, function: Any) -> str:

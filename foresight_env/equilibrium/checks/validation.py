@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from functools import lru_cache
 from typing import Any
 
@@ -11,7 +12,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from foresight_env.equilibrium.checks.named import parts_of
+from foresight_env.equilibrium.checks.named import Part, parts_of
+from foresight_env.equilibrium.checks.theta_entries import (
+    abstract_value,
+    check_entries_are_read,
+)
 from foresight_env.equilibrium.conditions.kkt import Parameters
 from foresight_env.equilibrium.conditions.layout import Layout, layout_of
 from foresight_env.games.game import Game
@@ -20,6 +25,15 @@ from foresight_env.precision import is_traced
 
 BOUND_SLACK = 1e-6
 """How far an initial state may lie outside a hard bound: solutions meet bounds to rounding only."""
+
+
+def check_kinds(**arguments: tuple[Any, ...]) -> None:
+    """Each argument's value, then the types that it may have: raises `ValueError` by name."""
+    for name, (value, *kinds) in arguments.items():
+        if not isinstance(value, tuple(kinds)):
+            wanted = " or ".join(k.__name__ for k in kinds if k is not type(None))
+            given = getattr(value, "__name__", repr(value))
+            raise ValueError(f"{name}: is {given}, not made by calling {wanted}(...)")
 
 
 def joint_state(
@@ -150,16 +164,19 @@ def _check_functions(layout: Layout, structure: Any, shapes: tuple[tuple[int, ..
     x = tuple(jax.ShapeDtypeStruct((n,), float) for n in game.state_sizes)
     u = tuple(jax.ShapeDtypeStruct((m,), float) for m in game.control_sizes)
     t = jax.ShapeDtypeStruct((), int)
-    for part in parts_of(game):
+    parts, arguments = tuple(parts_of(game)), (t, x, u, thetas)
+    for part in parts:
         try:
-            out = jax.eval_shape(lambda *a, f=part.function: jnp.asarray(f(*a)), t, x, u, thetas)
+            out = abstract_value(part, arguments, None)
         except KeyError as error:
             raise ValueError(f"{part.name}: theta has no entry {error}; add it") from error
         except Exception as error:
             raise ValueError(
-                f"{part.name}: cannot be evaluated on this game's states and controls: {error}"
+                f"{part.name}: cannot be evaluated on this game's states and controls"
+                f"{_entries_read(part, arguments)}: {error}"
             ) from error
-        if out.shape != part.shape:
+        scalar_row = part.rows and part.shape == (1,) and out.shape == ()
+        if out.shape != part.shape and not scalar_row:
             wanted = "a scalar" if part.shape == () else f"shape {part.shape}, its stated size"
             raise ValueError(f"{part.name}: returns shape {out.shape}; expected {wanted}")
     for i, player in enumerate(game.players):
@@ -169,3 +186,19 @@ def _check_functions(layout: Layout, structure: Any, shapes: tuple[tuple[int, ..
                 raise ValueError(
                     f"players[{i}].inequalities[{k}]: theta has no entry {price!r} for its penalty"
                 )
+    check_entries_are_read(game, parts, arguments, thetas)
+
+
+def _entries_read(part: Part, arguments: Sequence[Any]) -> str:
+    """Shapes of the entries of `theta` that a function had read when it failed."""
+    thetas = arguments[-1]
+    reads: list[set[str]] = [set() for _ in thetas]
+    with suppress(Exception):
+        abstract_value(part, arguments, reads)
+    told = [
+        f"theta[{i}][{name!r}] of shape {theta[name].shape}"
+        for i, (theta, read) in enumerate(zip(thetas, reads, strict=True))
+        for name in sorted(read & set(theta))
+        if hasattr(theta[name], "shape")
+    ]
+    return f" with {', '.join(told)}" if told else ""

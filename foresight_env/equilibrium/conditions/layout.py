@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from foresight_env.equilibrium.linear_algebra.transitions import EqualSizes
-from foresight_env.games.constraints import Bounds, Equality, Inequality
+from foresight_env.games.constraints import Bounds, Equality, Inequality, as_rows
 from foresight_env.games.costs import Weight, weight_value
 from foresight_env.games.game import Game
 from foresight_env.games.types import Controls, States, Theta
@@ -145,7 +145,7 @@ class Layout:
         """All constraint rows of stage `t`."""
         x, u = self.split(w)
         parts = [
-            jnp.asarray(constraint.function(i, t, x, u, thetas[i]))
+            as_rows(constraint.function(i, t, x, u, thetas[i]))
             for i in range(len(self.game.players))
             for constraint in self.own_constraints(i)
         ]
@@ -161,7 +161,7 @@ class Layout:
     ) -> Float[Array, "shared"]:
         """The shared constraint rows of stage `t`, which are the last."""
         x, u = self.split(w)
-        parts = [jnp.asarray(shared.function(t, x, u, thetas)) for shared in self.game.shared]
+        parts = [as_rows(shared.function(t, x, u, thetas)) for shared in self.game.shared]
         return jnp.concatenate([jnp.zeros(0, w.dtype), *parts])
 
     def penalties(self, thetas: tuple[Theta, ...]) -> Float[Array, "K"]:

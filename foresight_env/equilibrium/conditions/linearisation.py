@@ -32,6 +32,7 @@ from foresight_env.equilibrium.conditions.kkt import (
 )
 from foresight_env.equilibrium.conditions.layout import Layout
 from foresight_env.equilibrium.conditions.pairs import split
+from foresight_env.games.constraints import as_rows
 from foresight_env.games.costs import Composite
 from foresight_env.games.dynamics import Dynamics
 from foresight_env.games.types import Controls, CostFunction, Scalar, States, Theta
@@ -102,7 +103,7 @@ def _with_jacobian(function: Callable[[Array], Array], at: Array) -> tuple[Array
 
 def _rows(these: Peers, t: Array, stage: Stage, theta: Theta) -> Array:
     """A peer's own constraint rows."""
-    values = [jnp.asarray(g(these.first, t, *stage, theta)) for g in these.constraints]
+    values = [as_rows(g(these.first, t, *stage, theta)) for g in these.constraints]
     return jnp.concatenate(values)
 
 

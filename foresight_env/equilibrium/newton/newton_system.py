@@ -13,6 +13,7 @@ from foresight_env.equilibrium.conditions.layout import Layout
 from foresight_env.equilibrium.conditions.pairs import Pairs, Parts, join, split
 from foresight_env.equilibrium.conditions.residual import Evaluation
 from foresight_env.equilibrium.linear_algebra.stagewise import Factor, StageSystem, solve_stages
+from foresight_env.games.types import Scalar
 
 EQUALITY_REGULARISATION = 1e-8
 """Proximal term of equality multipliers: keeps the stage matrices regular without a constraint

@@ -81,6 +81,8 @@ def best_response_game(game: Game, i: int) -> Game:
         tuple(inequalities),
         tuple(replace(c, function=_Alone(c.function, i)) for c in player.equalities),
         player.name,
+        # Fixed plans and parameters, of which constraints and costs may leave some unread.
+        ("own", "all", "states", "controls"),
     )
     return Game((single,), game.horizon, (), game.dt)
 

@@ -16,11 +16,29 @@ EGO = "pedestrian_0"
 BLIND = [name for name in EGOS if name != "oracle"]
 
 
+class OwnEntry:
+    """What `info` has of every player: only that of player 0 may be looked at."""
+
+    def __init__(self, values):
+        self.values = values
+
+    def __getitem__(self, player):
+        if player != 0:
+            raise AssertionError(f"looked at player {player!r}")
+        return self.values[player]
+
+
 class Poison(Mapping):
-    """An `info` whose values nobody may look at; its keys pass the run-time type checks."""
+    """An `info` of which nobody may look at more than its own parameters."""
+
+    def __init__(self, info):
+        own = {name: OwnEntry(values) for name, values in info["theta"].items()}
+        self.own = {"gamma": OwnEntry(info["gamma"]), "theta": own}
 
     def __getitem__(self, key):
-        raise AssertionError(f"looked at {key!r}")
+        if key not in self.own:
+            raise AssertionError(f"looked at {key!r}")
+        return self.own[key]
 
     def __iter__(self):
         return iter(("state", "gamma", "theta"))
@@ -137,13 +155,13 @@ def test_one_policy_drives_two_agents(name):
 @pytest.mark.parametrize("name", BLIND)
 def test_only_the_oracle_looks_at_the_truth(name):
     told, _ = drive({EGO: ego(name)})
-    untold, _ = drive({EGO: ego(name)}, poison=Poison())
+    untold, _ = drive({EGO: ego(name)}, poison=Poison)
     assert all(same(a[EGO], b[EGO]) for a, b in zip(told, untold, strict=True))
 
 
 def test_the_oracle_needs_the_truth():
     with pytest.raises(AssertionError, match="looked at"):
-        drive({EGO: Oracle()}, poison=Poison())
+        drive({EGO: Oracle()}, poison=Poison)
 
 
 def failing(monkeypatch):
@@ -215,7 +233,7 @@ def test_states_are_moved_into_their_bounds():
 
 def test_unknown_names():
     with pytest.raises(
-        ValueError, match=r"ego: 'nobody' is unknown; choose from oracle, foresight"
+        ValueError, match=r"ego: 'nobody' is unknown; choose from oracle, infer-gamma"
     ):
         make_ego("nobody")
     env = crossing()

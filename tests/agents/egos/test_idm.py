@@ -38,10 +38,10 @@ def test_it_brakes_for_a_crawling_leader():
     start = infos["car_0"]["state"]
     path = infos["car_0"]["theta"]["path"][0]
     ahead = path[10 + np.argmin(np.linalg.norm(path[:, :2] - start[0, :2], axis=1))]
-    policy = make_ego("idm")
+    policy, goal = make_ego("idm"), infos["car_0"]["theta"]["goal"][0]
 
     def acceleration(other):
-        seen = np.concatenate([start[0], other, np.zeros(2)])
+        seen = np.concatenate([start[0], other, goal])
         memory = policy.update(policy.init(env.scene, "car_0"), seen, {})
         return policy.act(memory)[0].action[0]
 

@@ -17,10 +17,10 @@ def truth(k):
     return np.concatenate([START + k * DT * VELOCITY, VELOCITY])
 
 
-def observation(size, k, shown):
+def observation(size, k, shown, goal=(0.0, 0.0)):
     """What an observation without noise shows of two people, the ego standing still."""
     other = truth(k)[:size] if shown else np.full(size, np.nan)
-    return np.concatenate([np.zeros(size), other, np.zeros(2)])
+    return np.concatenate([np.zeros(size), other, goal])
 
 
 def watched(observed, seen, steps):
@@ -60,8 +60,9 @@ def test_a_place_without_a_velocity_is_no_track():
     env.reset(seed=0)
     policy = PredictThenPlan()
     memory = policy.init(env.scene, env.agents[0])
+    goal = env.scene.own(0).theta["goal"]
     for k in range(7):
-        memory = policy.update(memory, observation(2, k, k >= 3), {})
+        memory = policy.update(memory, observation(2, k, k >= 3, goal), {})
     assert len(memory.track) == 3
     for k, states in zip(range(4, 7), memory.track, strict=True):
         np.testing.assert_allclose(states[OTHER], truth(k), atol=1e-9)
