@@ -1,11 +1,14 @@
 """Costs and constraints that know players by their role, not by their number.
 
-Those of players that are alike are evaluated side by side, as one of them (`equilibrium.peers`):
-what four equal cars pay then takes the operations of one car. That changes nothing where a cost
-asks only what the player itself and the others, in their order, do.
+Those of identical players are vmapped (`equilibrium.conditions.identical_players`): four equal cars
+take the operations of one. That changes nothing where a cost depends only on the player itself and
+the others, in their order. Costs that differ in numbers alone are one function of these numbers
+(`Parametric`).
 """
 
 from __future__ import annotations
+
+from typing import Any, Protocol, runtime_checkable
 
 
 class PermutationInvariant:
@@ -29,6 +32,22 @@ class PermutationInvariant:
         Both see themselves and, in their order, everybody else.
         """
         return False
+
+
+@runtime_checkable
+class Parametric(Protocol):
+    """A cost with numbers, such as a lane's coefficients, that identical players may differ in."""
+
+    def constants(self) -> Any:
+        """Return the numbers, a PyTree of arrays."""
+        ...
+
+    def without_constants(self) -> Any:
+        """Return the cost as a function of the numbers: hashable, equal where they alone differ.
+
+        It has a method `with_constants(constants)` that makes the cost again.
+        """
+        ...
 
 
 def _always(self: PermutationInvariant, i: int, j: int) -> bool:

@@ -5,8 +5,9 @@ Geometry is part of the game, in metres; what an agent makes of it (weights) is 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, Literal
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any, Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -190,26 +191,62 @@ class Lane:
 
         The distance across the frame over `sqrt(1 + slope^2)`: exact for a straight lane.
         """
-        cosine, sine = np.cos(self.angle), np.sin(self.angle)
-        relative = position - jnp.asarray(self.origin)
-        ahead = cosine * relative[0] + sine * relative[1]
-        across = cosine * relative[1] - sine * relative[0]
-        line, slope = self._line(ahead, jnp)
-        return (across - line) / jnp.sqrt(1.0 + slope**2)
+        return lane_offset(self.arrays, position)
 
-    def _line(self, ahead: Any, xp: Any) -> tuple[Any, Any]:
-        """The centre line across the frame, and its slope."""
+    @cached_property
+    def arrays(self) -> LaneArrays:
+        """The same as arrays, those of most lanes of the same shapes."""
+        line = np.asarray(self.coefficients, dtype=float)
+        slope = np.polyder(line)
+        size = max(LANE_COEFFICIENTS, line.size)
+        both = [np.pad(v, (size - v.size, 0)) for v in (line, slope)]
+        direction = np.array([np.cos(self.angle), np.sin(self.angle)])
+        return LaneArrays(
+            np.stack(both, axis=1), np.array(self.origin), direction, np.array(self.reach)
+        )
+
+    def _line(self, ahead: Any) -> Any:
+        """The centre line across the frame."""
         powers = np.asarray(self.coefficients)
-        inside = xp.clip(ahead, *self.reach)
-        slope = xp.polyval(xp.asarray(np.polyder(powers)), inside)
-        return xp.polyval(xp.asarray(powers), inside) + slope * (ahead - inside), slope
+        inside = np.clip(ahead, *self.reach)
+        slope = np.polyval(np.polyder(powers), inside)
+        return np.polyval(powers, inside) + slope * (ahead - inside)
 
     def points(self, ahead: Float[np.ndarray, "K"]) -> Float[np.ndarray, "K 2"]:
         """Places on the centre line at these distances along the frame, for pictures."""
-        across, _ = self._line(np.asarray(ahead, dtype=float), np)
+        across = self._line(np.asarray(ahead, dtype=float))
         cosine, sine = np.cos(self.angle), np.sin(self.angle)
         turned = np.stack([cosine * ahead - sine * across, sine * ahead + cosine * across], axis=1)
         return turned + np.asarray(self.origin)
+
+
+LANE_COEFFICIENTS = 5
+"""Coefficients that lanes of fewer are padded to: a polynomial of fourth degree, the published."""
+
+
+class LaneArrays(NamedTuple):
+    """A `Lane` as arrays."""
+
+    coefficients: Float[AnyArray, "k 2"]
+    """Of the line and of its slope, highest power first."""
+    origin: Float[AnyArray, "2"]
+    direction: Float[AnyArray, "2"]
+    """Cosine and sine of the angle."""
+    reach: Float[AnyArray, "2"]
+
+
+def lane_offset(lane: LaneArrays, position: Float[AnyArray, "2"]) -> Scalar:
+    """Return `Lane.offset` of a lane given as arrays."""
+    relative = position - lane.origin
+    cosine, sine = lane.direction[0], lane.direction[1]
+    ahead = cosine * relative[0] + sine * relative[1]
+    across = cosine * relative[1] - sine * relative[0]
+    inside = jnp.clip(ahead, lane.reach[0], lane.reach[1])
+    both = jnp.asarray(lane.coefficients[0])
+    for k in range(1, lane.coefficients.shape[0]):  # Horner's rule, for line and slope at once
+        both = both * inside + lane.coefficients[k]
+    line, slope = both[0] + both[1] * (ahead - inside), both[1]
+    return (across - line) / jnp.sqrt(1.0 + slope**2)
 
 
 @dataclass(frozen=True)
@@ -223,6 +260,38 @@ class LaneCenter(PermutationInvariant):
         self, i: int, t: StageNumber, x: States, u: Controls, theta: Theta
     ) -> Float[Array, "1"]:
         return jnp.reshape(self.lane.offset(x[i][:2]), (1,))
+
+    def loss(self, value: Float[Array, "1"], theta: Theta) -> Scalar:
+        return weight_value(self.weight, theta) * jnp.sum(value**2)
+
+    def __call__(self, i: int, t: StageNumber, x: States, u: Controls, theta: Theta) -> Scalar:
+        return self.loss(self.residual(i, t, x, u, theta), theta)
+
+    def constants(self) -> LaneArrays:
+        """See `Parametric`: cars on different lanes are identical players."""
+        return self.lane.arrays
+
+    def without_constants(self) -> _LaneCenterOf:
+        """See `Parametric`."""
+        return _LaneCenterOf(self.weight)
+
+
+@dataclass(frozen=True)
+class _LaneCenterOf(PermutationInvariant):
+    """`LaneCenter` of a lane that is given as arrays."""
+
+    weight: Weight
+    lane: LaneArrays | None = field(default=None, compare=False)
+
+    def with_constants(self, constants: LaneArrays) -> _LaneCenterOf:
+        """See `Parametric`."""
+        return replace(self, lane=constants)
+
+    def residual(
+        self, i: int, t: StageNumber, x: States, u: Controls, theta: Theta
+    ) -> Float[Array, "1"]:
+        assert self.lane is not None
+        return jnp.reshape(lane_offset(self.lane, x[i][:2]), (1,))
 
     def loss(self, value: Float[Array, "1"], theta: Theta) -> Scalar:
         return weight_value(self.weight, theta) * jnp.sum(value**2)

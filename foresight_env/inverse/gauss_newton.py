@@ -7,6 +7,7 @@ kept in a box by freezing those that would leave it.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from numbers import Real
 from typing import NamedTuple
 
 import jax
@@ -28,7 +29,6 @@ from foresight_env.inverse.fit import (
     extrapolated,
     unevaluated,
 )
-from foresight_env.precision import is_traced
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,9 @@ class GaussNewton:
     """Cost of the first game above which a search from a caller's guess ends with it."""
 
     def __post_init__(self) -> None:
-        if not is_traced(self) and not all(b > 0.0 for b in self.smoothing):
+        # JAX also makes instances that hold tracers or descriptions of arrays.
+        numbers = [b for b in self.smoothing if isinstance(b, Real)]
+        if not all(b > 0.0 for b in numbers):
             raise ValueError(f"smoothing: is {self.smoothing}; expected positive numbers")
 
     def run(

@@ -20,7 +20,7 @@ from jaxtyping import Array, Float, Int
 
 from foresight_env.equilibrium.conditions.layout import Layout
 from foresight_env.games.game import Game
-from foresight_env.games.permutation import distinguishes
+from foresight_env.games.permutation import Parametric, distinguishes
 from foresight_env.games.types import ConstraintFunction, CostFunction, Theta
 
 
@@ -31,6 +31,9 @@ class Peers(NamedTuple):
     costs: tuple[CostFunction, ...]
     undiscounted_costs: tuple[CostFunction, ...]
     constraints: tuple[ConstraintFunction, ...]
+    constants: tuple[Any, ...]
+    """Of each cost and then of each undiscounted one, the members' own numbers along a first axis
+    (`games.permutation.Parametric`); None of those without."""
     rows: Int[np.ndarray, "G R"]
     """Numbers of each member's constraint rows."""
     view: Int[np.ndarray, "G w"]
@@ -60,6 +63,7 @@ def peers_of(layout: Layout, thetas: tuple[Theta, ...]) -> tuple[Peers, ...]:
 def _peers(layout: Layout, shapes: tuple[Any, ...]) -> tuple[Peers, ...]:
     game = layout.game
     owners: dict[_Part, list[int]] = {}
+    originals: dict[tuple[_Part, int], Any] = {}
     rows: dict[tuple[_Part, int], range] = {}
     place = 0
     for i, player in enumerate(game.players):
@@ -68,9 +72,11 @@ def _peers(layout: Layout, shapes: tuple[Any, ...]) -> tuple[Peers, ...]:
         for kind, parts in zip(
             _KINDS, (player.costs, player.undiscounted_costs, constraints), strict=True
         ):
-            for what in parts:
+            for original in parts:
+                what = _general(original)
                 part = _Part(kind, what, seen[kind, what])
                 seen[kind, what] += 1
+                originals[part, i] = original
                 owners.setdefault(part, []).append(i)
                 if kind == "constraint":
                     rows[part, i] = range(place, place + part.what.size)
@@ -83,12 +89,13 @@ def _peers(layout: Layout, shapes: tuple[Any, ...]) -> tuple[Peers, ...]:
             return (
                 all(size[i] == size[j] for size in sizes)
                 and shapes[i] == shapes[j]
+                and _sizes(originals[part, i]) == _sizes(originals[part, j])
                 and not distinguishes(part.function, i, j)
             )
 
         for run in _runs(players, alike):
             together.setdefault(run, []).append(part)
-    return tuple(_together(layout, run, parts, rows) for run, parts in together.items())
+    return tuple(_together(layout, run, parts, rows, originals) for run, parts in together.items())
 
 
 _KINDS = ("cost", "undiscounted cost", "constraint")
@@ -112,6 +119,7 @@ def _together(
     members: range,
     parts: list[_Part],
     rows: dict[tuple[_Part, int], range],
+    originals: dict[tuple[_Part, int], Any],
 ) -> Peers:
     costs, undiscounted, constraints = (
         [part for part in parts if part.kind == kind] for kind in _KINDS
@@ -133,10 +141,30 @@ def _together(
         tuple(part.function for part in costs),
         tuple(part.function for part in undiscounted),
         tuple(part.function for part in constraints),
+        tuple(_stacked([originals[part, i] for i in members]) for part in (*costs, *undiscounted)),
         np.array(numbers, dtype=int).reshape(len(members), -1),
         view,
         np.argsort(view, axis=1),
     )
+
+
+def _general(what: Any) -> Any:
+    """A cost without the numbers that identical players may differ in."""
+    return what.without_constants() if isinstance(what, Parametric) else what
+
+
+def _sizes(what: Any) -> tuple[tuple[int, ...], ...]:
+    """Shapes of the numbers that identical players may differ in."""
+    if not isinstance(what, Parametric):
+        return ()
+    return tuple(np.shape(v) for v in jax.tree.leaves(what.constants()))
+
+
+def _stacked(costs: list[Any]) -> Any:
+    """The numbers of the members' costs along a new first axis, where they have any."""
+    if not isinstance(costs[0], Parametric):
+        return None
+    return jax.tree.map(lambda *v: np.stack(v), *(cost.constants() for cost in costs))
 
 
 def _shifted(part: slice, by: int) -> slice:

@@ -86,6 +86,11 @@ def _stage_cost(
     return cost.loss(_partly_linear(residual, now, at, convexity), theta)
 
 
+def _bound(cost: Any, constants: Any) -> CostFunction:
+    """A cost with a member's own numbers, where it has any."""
+    return cost if constants is None else cost.with_constants(constants)
+
+
 def _partly_linear(
     function: Callable[[Any], Array], now: Any, at: Any, convexity: Curvature
 ) -> Array:
@@ -149,19 +154,21 @@ def linearise(
 
     peers = [(these, stack(theta, these.members)) for these in peers_of(layout, theta)]
 
-    def lagrangian(these, t, now, at, own, scale, price):
-        """A peer's, without shared constraints."""
+    def lagrangian(these, t, now, at, own, numbers, scale, price):
+        """A member's, without shared constraints."""
         total = jnp.zeros(())
-        for cost in these.costs:
-            total += _stage_cost(cost, these.first, t, now, at, own, convexity)
-        for cost in these.undiscounted_costs:
-            total += scale * _stage_cost(cost, these.first, t, now, at, own, convexity)
+        plain = len(these.costs)
+        for cost, number in zip(these.costs, numbers[:plain], strict=True):
+            total += _stage_cost(_bound(cost, number), these.first, t, now, at, own, convexity)
+        for cost, number in zip(these.undiscounted_costs, numbers[plain:], strict=True):
+            mine = _stage_cost(_bound(cost, number), these.first, t, now, at, own, convexity)
+            total += scale * mine
         if these.constraints:
             values = _partly_linear(lambda v: _rows(these, t, v, own), now, at, convexity)
             total -= jnp.sum(price * values)
         return total
 
-    def own_part(these, t, w, own, scale, price, back):
+    def own_part(these, t, w, own, numbers, scale, price, back):
         """A peer's gradient (own,) and Hessian rows (own, w) of its own entries of `w`.
 
         The Hessian is symmetric: its rows are its columns, each the change of the whole gradient in
@@ -170,7 +177,7 @@ def linearise(
         directions, at = jnp.eye(w.size)[layout.owner == these.first], layout.split(w)
 
         def slope(v):
-            x, u = jax.grad(lagrangian, argnums=2)(these, t, v, at, own, scale, price)
+            x, u = jax.grad(lagrangian, argnums=2)(these, t, v, at, own, numbers, scale, price)
             return jnp.concatenate([*x, *u])
 
         if convexity is None:
@@ -219,7 +226,7 @@ def linearise(
             seen = w[None] if len(numbered) == 1 else w[these.view]
             back = jnp.asarray(these.back)
             slopes, curves = jax.vmap(partial(own_part, these, t))(
-                seen, own, scale[numbered], price, back
+                seen, own, these.constants, scale[numbered], price, back
             )
             gradient += in_place(layout, these.members, slopes)
             hessian += in_place(layout, these.members, curves)

@@ -19,6 +19,7 @@ from foresight_env.equilibrium.newton.newton_system import (
     stage_system,
 )
 from foresight_env.games import Circle, Composite, Effort, Game, Goal, Lane, RoadSide
+from foresight_env.games.kinds import is_vehicle
 from foresight_env.games.permutation import distinguishes
 from foresight_env.scenarios import crosswalk, driving, encounter, intersection
 from foresight_env.scenarios.intersection import Region
@@ -49,9 +50,7 @@ def junction(*kinds, lanes=None):
 
 def meeting(*kinds):
     theta = [
-        encounter.player_theta(
-            kind, (5.0, 0.01) if encounter.is_vehicle(kind) else np.array([1.0, k])
-        )
+        encounter.player_theta(kind, (5.0, 0.01) if is_vehicle(kind) else np.array([1.0, k]))
         for k, kind in enumerate(kinds)
     ]
     return encounter.encounter_game(kinds, HORIZON, 0.1), theta
@@ -73,6 +72,9 @@ GAMES = {
     "in turn": lambda: junction("pedestrian", "car", "pedestrian"),
     "lanes": lambda: junction(
         "car", "car", "car", lanes=(Lane((0.1, 0.0, 1.0)), None, Lane((0.2, 1.0)))
+    ),
+    "own lanes": lambda: junction(
+        "pedestrian", "car", "car", lanes=(None, Lane((0.1, 0.0, 1.0)), Lane((0.2, 1.0), angle=0.3))
     ),
     "meeting": lambda: meeting("pedestrian", "pedestrian", "car", "car", "bicycle"),
 }
@@ -157,6 +159,7 @@ def test_who_is_alike():
     assert members(*GAMES["meeting"]()) == [(0, 1), (2, 3), (4,)]
     # Lanes are their owners' alone; everything else is common.
     assert members(*GAMES["lanes"]()) == [(0,), (0, 1, 2), (2,)]
+    assert members(*GAMES["own lanes"]()) == [(0,), (1, 2)]
     game, theta = GAMES["mixed"]()
     assert [tuple(run) for run in moving_alike(game)] == [(0,), (1, 2), (3, 4)]
     assert members(one_by_one(game), theta) == [(0,), (1,), (2,), (3,), (4,)]
@@ -219,7 +222,12 @@ def test_parts_that_are_alike_say_so_truly(name):
             order = [j for j in range(len(x)) if j != i]
             order.insert(first, i)
             seen = tuple(x[j] for j in order), tuple(u[j] for j in order)
-            for part in (*these.costs, *these.undiscounted_costs, *these.constraints):
+            costs = (*these.costs, *these.undiscounted_costs)
+            bound = [
+                cost if own is None else cost.with_constants(jax.tree.map(lambda v: v[-1], own))
+                for cost, own in zip(costs, these.constants, strict=True)
+            ]
+            for part in (*bound, *these.constraints):
                 own = part(i, 1, tuple(x), tuple(u), theta[i])
                 np.testing.assert_allclose(part(first, 1, *seen, theta[i]), own)
                 compared += 1
