@@ -22,13 +22,14 @@ def test_what_was_warmed_up_is_warmed_up_again_once_programs_are_forgotten():
 
     for name in ("a", "b", "a"):
         warm_up(name)
-    assert not forget_if_many(10**9, seconds=0.0)
+    assert not forget_if_many(10**9, 1e3, seconds=0.0)
     warm_up("a")
     assert (calls, len(traced)) == (["a", "b"], 1)
     assert forget_if_many(0, seconds=0.0)
     assert not forget_if_many(0)  # counted a moment ago
     warm_up("a")
     assert (calls, len(traced)) == (["a", "b", "a"], 2)
+    assert forget_if_many(10**9, 1e-3, seconds=0.0)  # any process is larger than a megabyte
 
 
 def test_trials_begin_with_it(monkeypatch):
