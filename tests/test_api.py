@@ -33,7 +33,7 @@ def test_importing_the_package_loads_no_jax():
 
 def test_every_name_is_that_of_a_room():
     rooms = [importlib.import_module(f"foresight_env.{r}") for r in ("games", "equilibrium")]
-    rooms.append(importlib.import_module("foresight_env.inverse"))
+    rooms += [importlib.import_module(f"foresight_env.{r}") for r in ("inverse", "compilation")]
     for name in set(foresight_env.__all__) - {"__version__"}:
         assert any(getattr(foresight_env, name) is getattr(room, name, None) for room in rooms)
     assert isinstance(foresight_env.__version__, str)
