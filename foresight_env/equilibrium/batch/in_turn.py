@@ -34,7 +34,8 @@ def solve_in_turn(
 
     def one(number: Array) -> Equilibrium:
         mine, near = jax.tree.map(lambda v: v[number], (parameters, initial_guess))
-        return equilibrium(layout, options, mine, begin(layout, options, mine, near))
+        found: Equilibrium = equilibrium(layout, options, mine, begin(layout, options, mine, near))
+        return found._replace(evaluation=None)
 
     def body(number: Array, found: Equilibrium) -> Equilibrium:
         return jax.tree.map(lambda all_, v: all_.at[number].set(v), found, one(number))

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -37,11 +37,6 @@ from foresight_env.games.costs import Composite
 from foresight_env.games.dynamics import Dynamics
 from foresight_env.games.types import Controls, CostFunction, Scalar, States, Theta
 
-EXACT: Literal["exact"] = "exact"
-"""In place of a convexification weight: all curvature is used, without code for leaving it out."""
-
-Curvature = Scalar | None | Literal["exact"]
-"""Convexification weight; None: no second derivatives; `EXACT`: all of them."""
 Stage = tuple[States, Controls]
 """Everybody's states and controls of one stage. Costs are differentiated by these parts, not by the
 stage vector: every slice of that would become a padded sum."""
@@ -74,7 +69,7 @@ def _stage_cost(
     now: Stage,
     at: Stage,
     theta: Theta,
-    convexity: Curvature,
+    convexity: Scalar | None,
 ) -> Scalar:
     """A cost whose second derivatives at `at` are `convexity` parts Gauss-Newton, rest exact."""
     if not isinstance(cost, Composite):
@@ -92,9 +87,9 @@ def _bound(cost: Any, constants: Any) -> CostFunction:
 
 
 def _partly_linear(
-    function: Callable[[Any], Array], now: Any, at: Any, convexity: Curvature
+    function: Callable[[Any], Array], now: Any, at: Any, convexity: Scalar | None
 ) -> Array:
-    if convexity is None or isinstance(convexity, str):
+    if convexity is None:
         return function(now)
     away = jax.tree.map(jnp.subtract, now, at)
     value, slope = jax.jvp(function, (at,), (away,))
@@ -132,7 +127,7 @@ def _moves(layout: Layout, t: Array, x: Array, u: Array) -> tuple[Array, Array, 
 
 
 def linearise(
-    layout: Layout, point: Iterate, parameters: Parameters, convexity: Curvature
+    layout: Layout, point: Iterate, parameters: Parameters, convexity: Scalar | None
 ) -> Linearisation:
     """Derivatives of all stages at `point`.
 

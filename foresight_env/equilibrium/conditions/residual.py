@@ -11,12 +11,7 @@ from jaxtyping import Array, Float
 
 from foresight_env.equilibrium.conditions.kkt import Iterate, Parameters
 from foresight_env.equilibrium.conditions.layout import Layout
-from foresight_env.equilibrium.conditions.linearisation import (
-    EXACT,
-    Curvature,
-    Linearisation,
-    linearise,
-)
+from foresight_env.equilibrium.conditions.linearisation import Linearisation, linearise
 from foresight_env.equilibrium.conditions.pairs import Pairs, distances_to_bounds, split
 from foresight_env.equilibrium.linear_algebra.recursion import affine_recursion
 from foresight_env.games.types import Scalar
@@ -45,43 +40,21 @@ class Evaluation(NamedTuple):
     complementarity: Scalar
 
 
+# Jitted, so that a program that evaluates at several places is traced once. Inlined, since XLA
+# folds constants into calls, and fails (jaxlib 0.10) where that leads it to a call of LAPACK.
+@partial(jax.jit, static_argnums=0, inline=True)
 def evaluate(
     layout: Layout,
     pairs: Pairs,
     point: Iterate,
     parameters: Parameters,
-    convexity: Curvature,
+    convexity: Scalar | None,
     barrier: Scalar | float,
 ) -> Evaluation:
     """Derivatives and residuals at `point`, with products of `barrier` in mind.
 
     `convexity`: see `linearise`.
     """
-    if convexity is EXACT:
-        return _evaluate_exactly(layout, pairs, point, parameters, barrier)
-    return _evaluate(layout, pairs, point, parameters, convexity, barrier)
-
-
-# Jitted, so that a program that evaluates at several places is traced once. Inlined, since XLA
-# folds constants into calls, and fails (jaxlib 0.10) where that leads it to a call of LAPACK.
-@partial(jax.jit, static_argnums=0, inline=True)
-def _evaluate_exactly(layout, pairs, point, parameters, barrier):
-    return _evaluation(layout, pairs, point, parameters, EXACT, barrier)
-
-
-@partial(jax.jit, static_argnums=0, inline=True)
-def _evaluate(layout, pairs, point, parameters, convexity, barrier):
-    return _evaluation(layout, pairs, point, parameters, convexity, barrier)
-
-
-def _evaluation(
-    layout: Layout,
-    pairs: Pairs,
-    point: Iterate,
-    parameters: Parameters,
-    convexity: Curvature,
-    barrier: Scalar | float,
-) -> Evaluation:
     lin = linearise(layout, point, parameters, convexity)
     q = costates(lin, layout.n)
     above, below = distances_to_bounds(layout, pairs, jnp.concatenate([point.x, point.u], axis=1))

@@ -17,9 +17,8 @@ from jaxtyping import Array, Bool, Float, Int
 
 from foresight_env.equilibrium.conditions.kkt import Iterate, Parameters
 from foresight_env.equilibrium.conditions.layout import Layout
-from foresight_env.equilibrium.conditions.linearisation import EXACT
 from foresight_env.equilibrium.conditions.pairs import Parts, join, pairs_of, split
-from foresight_env.equilibrium.conditions.residual import evaluate, violation
+from foresight_env.equilibrium.conditions.residual import Evaluation, evaluate, violation
 from foresight_env.equilibrium.linear_algebra.stagewise import factorise, solve_stages
 from foresight_env.equilibrium.newton.newton_system import (
     eliminate_pairs,
@@ -53,6 +52,8 @@ class Equilibrium(NamedTuple):
     success: Bool[Array, ""]
     began: Bool[Array, ""] | None = None
     """Whether the first interior-point phase began; else something was not finite at its start."""
+    evaluation: Evaluation | None = None
+    """At the point, with all curvature: for derivatives. None where nobody takes any."""
 
 
 def result_of(state: PhaseState, iterations: Int[Array, ""], accuracy: Accuracy) -> Equilibrium:
@@ -87,6 +88,7 @@ def _solve(
             parameters,
             solving.phase,
             solving.begins,
+            solving.repeats,
             lambda: begin_phase(layout, options, parameters, start, number),
             rules,
             accuracy,
@@ -95,21 +97,25 @@ def _solve(
         success = succeeded(phase, accuracy)
         moved = (phase.iteration > 1) | jnp.isfinite(phase.error)
         again = ended & ~success & (number < last)
+        # Derivatives of the solution need all curvature.
+        repeats = success & (phase.used != 0.0)
         return _Solving(
             number + again,
             phase,
-            solving.spent + jnp.where(ended, phase.iteration, 0),
+            solving.spent + jnp.where(ended & ~repeats, phase.iteration, 0),
             solving.began | (ended & (success | ((number == 1) & moved))),
             again,
-            ended & ~again,
+            repeats,
+            ended & ~again & ~repeats,
         )
 
     zero, no = jnp.zeros((), int), jnp.zeros((), bool)
     blank = blank_phase(layout, parameters, start.point, accuracy)
     end = jax.lax.while_loop(
-        lambda solving: ~solving.done, step, _Solving(first, blank, zero, no, ~no, no)
+        lambda solving: ~solving.done, step, _Solving(first, blank, zero, no, ~no, no, no)
     )
-    return result_of(end.phase, end.spent, accuracy)._replace(began=end.began)
+    result = result_of(end.phase, end.spent, accuracy)
+    return result._replace(began=end.began, evaluation=end.phase.evaluation)
 
 
 class _Solving(NamedTuple):
@@ -121,6 +127,8 @@ class _Solving(NamedTuple):
     began: Bool[Array, ""]
     begins: Bool[Array, ""]
     """Whether the next step begins a phase."""
+    repeats: Bool[Array, ""]
+    """Whether it evaluates the solution once more."""
     done: Bool[Array, ""]
 
 
@@ -157,9 +165,9 @@ def solution_tangent(
 ) -> Iterate:
     """Directional derivative of states, controls and multipliers."""
     pairs = pairs_of(layout)
-    point = jax.tree.map(jax.lax.stop_gradient, result.point)
+    assert result.evaluation is not None
+    point, ev = jax.tree.map(jax.lax.stop_gradient, (result.point, result.evaluation))
     fixed = jax.tree.map(jax.lax.stop_gradient, parameters)
-    ev = evaluate(layout, pairs, point, fixed, EXACT, options.barrier)
     # On the path `slack * multiplier` stays what it is.
     eliminated = eliminate_pairs(layout, pairs, on_the_path(pairs, point, jnp.zeros(())))
     factor = factorise(stage_system(layout, point, ev, eliminated), layout.equal_sizes)

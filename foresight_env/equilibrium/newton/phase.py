@@ -60,6 +60,8 @@ class PhaseState(NamedTuple):
     """False once a step overflowed, which ends the phase."""
     weight: Float[Array, ""]
     """Convexification weight."""
+    used: Float[Array, ""]
+    """The weight that the evaluation was made with; 0: all curvature is in it."""
 
     @property
     def error(self) -> Scalar:
@@ -91,7 +93,8 @@ def init_phase(
     weight = _first_weight(rules)
     first = evaluate(layout, pairs_of(layout), start, parameters, weight, accuracy.barrier)
     zero = jnp.zeros((), int)
-    return PhaseState(start, first, first.error, zero, _is_finite(start, first), weight)
+    finite = _is_finite(start, first)
+    return PhaseState(start, first, first.error, zero, finite, weight, weight)
 
 
 def step_phase(
@@ -113,14 +116,16 @@ def init_or_step_phase(
     parameters: Parameters,
     state: PhaseState,
     begins: Bool[Array, ""],
+    repeats: Bool[Array, ""],
     begin: Callable[[], Iterate],
     rules: PhaseRules,
     accuracy: Accuracy,
 ) -> PhaseState:
     """Return `init_phase` where a phase `begins` (at the point that `begin` makes), else a step.
 
-    Both need the residual and its derivatives at their point, most of a compiled program. Here that
-    code exists once.
+    Where it `repeats`, the point stays, and is evaluated with all curvature. All three need the
+    residual and its derivatives at their point, most of a compiled program. Here that code exists
+    once.
     """
 
     def first() -> tuple[Iterate, Scalar, Scalar]:
@@ -129,11 +134,16 @@ def init_or_step_phase(
     def next_one() -> tuple[Iterate, Scalar, Scalar]:
         return _newton_point(layout, options, state, rules, accuracy)
 
-    point, taken, used = jax.lax.cond(begins, first, next_one)
+    def same() -> tuple[Iterate, Scalar, Scalar]:
+        return state.point, jnp.ones(()), jnp.zeros(())
+
+    way = jnp.where(begins, 0, jnp.where(repeats, 2, 1))
+    point, taken, used = jax.lax.switch(way, (first, next_one, same))
     moved = _stepped(layout, options, parameters, state, point, taken, used, accuracy, begins)
+    iteration = jnp.where(begins, 0, jnp.where(repeats, state.iteration, moved.iteration))
     return moved._replace(
         first_error=jnp.where(begins, moved.evaluation.error, state.first_error),
-        iteration=jnp.where(begins, 0, moved.iteration),
+        iteration=iteration,
         weight=jnp.where(begins, used, moved.weight),
     )
 
@@ -184,7 +194,8 @@ def _stepped(
         (point, ev),
         (state.point, before),
     )
-    return PhaseState(point, ev, state.first_error, state.iteration + 1, finite, weight)
+    used = jnp.where(kept, used, state.used)
+    return PhaseState(point, ev, state.first_error, state.iteration + 1, finite, weight, used)
 
 
 def phase_ended(
@@ -236,4 +247,4 @@ def blank_phase(
     )
     nothing = jax.tree.map(lambda v: jnp.zeros(v.shape, v.dtype), shapes)
     zero = jnp.zeros((), int)
-    return PhaseState(point, nothing, jnp.zeros(()), zero, jnp.ones((), bool), weight)
+    return PhaseState(point, nothing, jnp.zeros(()), zero, jnp.ones((), bool), weight, weight)
