@@ -41,7 +41,7 @@ def same(found, k, one):
         np.testing.assert_allclose(many[k], alone, atol=1e-9)
 
 
-@pytest.mark.parametrize(("size", "threads"), [(None, 1), (None, 2), (4, 1), (4, 2), (32, 1)])
+@pytest.mark.parametrize(("size", "threads"), [(None, 2), (4, 2), (32, 1)])
 def test_every_game_is_what_solve_makes_of_it(size, threads):
     states, gamma = drawn()
     found = solve_many(
@@ -128,9 +128,7 @@ assert (found.status == 0).all(), found.status
 """
 
 
-@pytest.mark.parametrize(
-    ("players", "proximity", "count"), [(4, "soft", 24), (6, "hard", 24), (6, "hard", 2)]
-)
+@pytest.mark.parametrize(("players", "proximity", "count"), [(6, "hard", 24), (6, "hard", 2)])
 def test_two_threads_do_not_wait_for_each_other(players, proximity, count):
     """LAPACK's batched calls would: large stages from two threads hang jaxlib 0.10."""
     arguments = (str(players), proximity, str(count))
