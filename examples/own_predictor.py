@@ -1,6 +1,7 @@
 """A custom predictor, a plain function: `python examples/own_predictor.py`.
 
-It is checked and compared with the library's on simulated crossings. On the command line it is `own_predictor:slowing` (from this folder, or wherever Python finds the module):
+It is checked and compared with the library's on simulated crossings. On the command line it is
+`own_predictor:slowing` (from this folder, or any folder where Python finds the module):
 
     foresight benchmark --scenarios crosswalk --predictors kalman,own_predictor:slowing \\
         --egos kalman+plan,own_predictor:slowing+plan

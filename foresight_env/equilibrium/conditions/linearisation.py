@@ -1,6 +1,6 @@
-"""Derivatives of all that a game's first-order conditions consist of, per stage.
+"""Linearisation of a game's first-order conditions, per stage.
 
-Players that are alike are evaluated side by side (module `peers`).
+Identical players are evaluated together (module `identical_players`).
 """
 
 from __future__ import annotations
@@ -42,8 +42,8 @@ EXACT: Literal["exact"] = "exact"
 Curvature = Scalar | None | Literal["exact"]
 """Convexification weight; None: no second derivatives; `EXACT`: all of them."""
 Stage = tuple[States, Controls]
-"""Everybody's states and controls of one stage. Costs are differentiated by these parts, not by the
-stage vector: every slice of that would become a padded sum."""
+"""States and controls of all players at one stage. Costs are differentiated by these parts, not by
+the stage vector: every slice of that would become a padded sum."""
 
 
 class Linearisation(NamedTuple):
@@ -52,7 +52,7 @@ class Linearisation(NamedTuple):
     gradient: Float[Array, "T w"]
     """Each player's Lagrangian differentiated by its own part of `w`, without costates."""
     hessian: Float[Array, "T w w"]
-    """Rows: a player's own part; columns: everybody's. NaN where it was not asked for."""
+    """Rows: a player's own part; columns: all players'. NaN where it was not requested."""
     a: Float[Array, "T n n"]
     b: Float[Array, "T n m"]
     defect: Float[Array, "T n"]
@@ -75,7 +75,7 @@ def _stage_cost(
     theta: Theta,
     convexity: Curvature,
 ) -> Scalar:
-    """A cost whose second derivatives at `at` are `convexity` parts Gauss-Newton, rest exact."""
+    """A cost, its second derivatives at `at` Gauss-Newton by `convexity` parts, else exact."""
     if not isinstance(cost, Composite):
         return jnp.asarray(cost(i, t, *now, theta))
 
@@ -101,7 +101,7 @@ def _with_jacobian(function: Callable[[Array], Array], at: Array) -> tuple[Array
 
 
 def _rows(these: Peers, t: Array, stage: Stage, theta: Theta) -> Array:
-    """A peer's own constraint rows."""
+    """Own constraint rows of one of identical players."""
     values = [jnp.asarray(g(these.first, t, *stage, theta)) for g in these.constraints]
     return jnp.concatenate(values)
 
@@ -130,9 +130,9 @@ def linearise(
 ) -> Linearisation:
     """Derivatives of all stages at `point`.
 
-    `convexity` = 1 drops the curvature of proximity terms and constraints (every player's
-    own problem is then convex when its costs are); 0 is Newton's exact matrix; None: there is no
-    `hessian`, which is most of the work.
+    `convexity` is the convexification weight: 1 drops the curvature of proximity terms and
+    constraints (every player's own problem is then convex when its costs are), 0 is Newton's exact
+    matrix; None: there is no `hessian`, which is most of the work.
     """
     game = layout.game
     theta = parameters.theta
@@ -149,7 +149,7 @@ def linearise(
     peers = [(these, stack(theta, these.members)) for these in peers_of(layout, theta)]
 
     def lagrangian(these, t, now, at, own, scale, price):
-        """A peer's, without shared constraints."""
+        """Of one player, without shared constraints."""
         total = jnp.zeros(())
         for cost in these.costs:
             total += _stage_cost(cost, these.first, t, now, at, own, convexity)
@@ -161,7 +161,7 @@ def linearise(
         return total
 
     def own_part(these, t, w, own, scale, price, back):
-        """A peer's gradient (own,) and Hessian rows (own, w) of its own entries of `w`.
+        """A player's gradient (own,) and Hessian rows (own, w) of its own entries of `w`.
 
         The Hessian is symmetric: its rows are its columns, each the change of the whole gradient in
         one of the player's own directions.
@@ -183,16 +183,16 @@ def linearise(
         return jnp.concatenate([x[these.first], u[these.first]]), returned(these, rows, back)
 
     def own_rows(these, t, w, own, back):
-        """A peer's constraint rows (own,) and their Jacobian (own, w)."""
+        """A player's constraint rows (own,) and their Jacobian (own, w)."""
         jacobian, values = _with_jacobian(lambda v: _rows(these, t, layout.split(v), own), w)
         return values, returned(these, jacobian, back)
 
     def returned(these, columns, back):
-        """From a peer's view of the stage vector to the vector itself; who is alone sees that."""
+        """From a player's view of the stage vector to the vector itself."""
         return columns if len(these.members) == 1 else columns[:, back]
 
     def shared_part(t, w, price):
-        """What shared rows, at everybody's own prices (shared, w), add to each player's part."""
+        """Parts of shared rows, at each player's own prices (shared, w)."""
 
         def rows(v):
             return layout.shared_values(t, v, theta)
