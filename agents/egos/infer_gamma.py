@@ -68,7 +68,7 @@ class InferGamma:
     ahead: int | None = None
     """Stages after the window in the estimated game; None: three fifths of the planning horizon."""
     prior: Prior = Prior(gamma_weight=4.0, gamma_center=1.0)
-    """Of discount factors: weak, 1 +- 0.5. Of `theta`: `scene.opponent_prior`, unless given here."""
+    """Of discount factors: weak, 1 +- 0.5. Of `theta`: `scene.opponent_prior` unless given here."""
 
     def init(self, scene: Scene, agent: str | int) -> InferGammaMemory:
         """See `EgoPolicy`."""

@@ -56,7 +56,7 @@ class EgoPolicy(Protocol[Memory]):
     def update(
         self, memory: Memory, observation: Float[np.ndarray, "size"], info: Mapping[str, Any]
     ) -> Memory:
-        """Take in the latest observation; only an oracle may use the ground truth in `info`."""
+        """Take in the latest observation; only an oracle may look at the truth in `info`."""
         ...
 
     def act(self, memory: Memory) -> tuple[Decision, Memory]:

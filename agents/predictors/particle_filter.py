@@ -2,9 +2,9 @@
 
 Particles are parameters; those whose equilibria predict the next observations are kept (sequential
 importance resampling: Gordon, Salmond, Smith, 1993; for games: Peters et al., "Inference-based
-strategy alignment for general-sum differential games", AAMAS 2020). Each agent's particles are weighted and resampled by themselves:
-jointly, some dozens of them would be lost in a dozen dimensions (Ng, Peshkin, Pfeffer, "Factored
-particles for scalable monitoring", UAI 2002).
+strategy alignment for general-sum differential games", AAMAS 2020). Each agent's particles are
+weighted and resampled by themselves: jointly, some dozens of them would be lost in a dozen
+dimensions (Ng, Peshkin, Pfeffer, "Factored particles for scalable monitoring", UAI 2002).
 """
 
 from __future__ import annotations

@@ -42,8 +42,8 @@ EXACT: Literal["exact"] = "exact"
 Curvature = Scalar | None | Literal["exact"]
 """Convexification weight; None: no second derivatives; `EXACT`: all of them."""
 Stage = tuple[States, Controls]
-"""States and controls of all players at one stage. Costs are differentiated by these parts, not by
-the stage vector: every slice of that would become a padded sum."""
+"""Everybody's states and controls of one stage. Costs are differentiated by these parts, not by the
+stage vector: every slice of that would become a padded sum."""
 
 
 class Linearisation(NamedTuple):
@@ -101,7 +101,7 @@ def _with_jacobian(function: Callable[[Array], Array], at: Array) -> tuple[Array
 
 
 def _rows(these: Peers, t: Array, stage: Stage, theta: Theta) -> Array:
-    """Own constraint rows of one of identical players."""
+    """A peer's own constraint rows."""
     values = [jnp.asarray(g(these.first, t, *stage, theta)) for g in these.constraints]
     return jnp.concatenate(values)
 
@@ -149,7 +149,7 @@ def linearise(
     peers = [(these, stack(theta, these.members)) for these in peers_of(layout, theta)]
 
     def lagrangian(these, t, now, at, own, scale, price):
-        """Of one player, without shared constraints."""
+        """A peer's, without shared constraints."""
         total = jnp.zeros(())
         for cost in these.costs:
             total += _stage_cost(cost, these.first, t, now, at, own, convexity)
@@ -161,7 +161,7 @@ def linearise(
         return total
 
     def own_part(these, t, w, own, scale, price, back):
-        """A player's gradient (own,) and Hessian rows (own, w) of its own entries of `w`.
+        """A peer's gradient (own,) and Hessian rows (own, w) of its own entries of `w`.
 
         The Hessian is symmetric: its rows are its columns, each the change of the whole gradient in
         one of the player's own directions.
