@@ -1,4 +1,4 @@
-"""Conformance tests for predictors and egos of one's own.
+"""Conformance tests for custom predictors and egos.
 
     from agents.conformance import check_ego, check_predictor
 
@@ -6,8 +6,7 @@
     check_ego(MyEgo())
 
 Each runs the agent on small cases and raises `ConformanceError` with what was found and what was
-expected. They say that an agent can be used, not that it is any good: that is what
-`foresight benchmark` is for.
+expected. They test the interface, not the performance: `foresight benchmark` does that.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ times the way that it makes in a step: else it was not predicted in the axes of 
 
 
 class ConformanceError(AssertionError):
-    """An agent does not do what its protocol says; the message says what and where."""
+    """An agent violates its protocol; the message says what and where."""
 
 
 def _require(holds: Any, case: str, what: str) -> None:
@@ -67,7 +66,7 @@ def _straight(
     dt: float = 0.4,
     about: tuple[float, float] = (0.0, 0.0),
 ) -> History:
-    """Agents four metres apart that go straight on."""
+    """Agents four metres apart in straight motion."""
     count, times = len(kinds), dt * np.arange(steps)[:, None, None]
     states = np.empty((steps, count, 4))
     states[..., 2:] = np.stack(velocities)

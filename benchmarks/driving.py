@@ -44,7 +44,7 @@ def rows_of(rows: Sequence[Row], scenes: Sequence[str]) -> Iterator[Row]:
 
 
 def differences(rows: Sequence[Row], scenes: Sequence[str]) -> Iterator[Row]:
-    """Foresight minus the other egos on the same seeds."""
+    """The ego `infer-gamma` minus the other egos on the same seeds."""
     for scene, others, other in product(scenes, BEHAVIOURS, DRIVING_EGOS):
         found = (
             None if other == "infer-gamma" else paired(rows, scene, others, "infer-gamma", other)
@@ -70,7 +70,7 @@ def tables(rows: Sequence[Row], scenes: Sequence[str], told: str) -> list[Result
     paired_note = "Means and 95 % bootstrap intervals over seeds; few seeds make them narrow."
     return [
         Result("Driving: egos among other cars", note, list(rows_of(rows, scenes))),
-        Result("Driving: foresight minus others", paired_note, list(differences(rows, scenes))),
+        Result("Driving: infer-gamma minus others", paired_note, list(differences(rows, scenes))),
     ]
 
 

@@ -22,7 +22,7 @@ GUESS = "always the middle of the range"
 
 
 def _inverse(row: Row) -> list[tuple[float, float, float]]:
-    """Gamma of the other, its deviation, and seconds, by the foresight ego's estimator."""
+    """Gamma of the other, its deviation, and seconds, by the estimator of `infer-gamma`."""
     env: Any = setting_of("crosswalk").make()
     env.reset(
         seed=0, options={"goals": np.array(row["goals"]).reshape(-1, 2), "gamma": row["gamma"]}
@@ -95,7 +95,7 @@ def run(setting: Setting) -> list[Result]:
     note = (
         f"{len(rows)} crosswalks of the test split ({len(true)} windows of {WINDOW} observations, "
         "noise std 0.05, discount factors uniform in [0.3, 1]): the other pedestrian's discount "
-        "factor, by the foresight ego's online estimator and by `agents.learned.gamma`. "
+        "factor, by the estimator of the ego `infer-gamma` and by `agents.learned.gamma`. "
         f"{yardstick.note}"
     )
     return [Result("Learned discount factors", note, lines).show(setting.console)]

@@ -20,8 +20,9 @@ TABLES: tuple[tuple[str, Callable[[Sequence[dict[str, Any]]], list[Row]], str], 
         summary,
         "Every window of `evaluation.windows.interaction`'s rule: agents whose paths cross, who "
         "come within 5 m, up to 3 s given and 4 s predicted. Means over windows. Missed: agents "
-        "predicted more than 2 m off at the last step they are there. Touch: pairs predicted to "
-        "touch (recorded: that did). Settings were chosen on the development recordings.",
+        "predicted more than 2 m off at the last step they are there. Predicted collisions: pairs "
+        "whose footprints overlap (recorded: in the recording). Settings were chosen on the "
+        "development recordings.",
     ),
     (f"{TITLE}: errors over time", over_time, "Means over windows."),
     (

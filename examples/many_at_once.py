@@ -1,7 +1,7 @@
 """Several environments stepped together: `python examples/many_at_once.py`.
 
-Side by side in this process, in processes of their own, and as one compiled program: the same
-episodes each time, since environment k of seed s has the episode of seed s + k.
+One after the other in this process, in processes of their own, and as one compiled program: the
+same episodes each time, since environment k of seed s has the episode of seed s + k.
 """
 
 import gymnasium
@@ -13,7 +13,7 @@ import foresight_env.envs  # noqa: F401  (registers the environments)
 ARGUMENTS = {"behaviour": "open_loop", "max_steps": 12, "planning_horizon": 6}
 MODES = {
     "sync": {},
-    # Linux would fork, and a fork of a process that has used JAX waits for ever.
+    # Linux would fork, and a fork of a process that has used JAX hangs.
     "async": {"vector_kwargs": {"context": "spawn"}},
     "vector_entry_point": {},
 }

@@ -1,7 +1,7 @@
-"""Infer on the way: an estimator beside one's own policy. `python examples/online.py`
+"""Online inference with a custom policy: `python examples/online.py`
 
-Pedestrian 0 walks to its goal by a rule of ours; from its noisy observations the estimator infers
-where pedestrian 1 wants to go and how far it looks ahead.
+Pedestrian 0 walks to its goal by a fixed rule; from its noisy observations the estimator infers the
+goal and the discount factor of pedestrian 1.
 """
 
 from dataclasses import replace
@@ -26,9 +26,9 @@ def main(seed=1, steps=25):
         free=(Free((), gamma=False, initial_state=True), Free(("goal",), True, True)),
         covariance=NOISE**2,
         prior=Prior(gamma_weight=4.0, theta_deviation=(("goal", 3.0),)),  # gamma about 1 +- 0.5
-        forgetting_factor=1.5,  # others replan, so old observations say less
+        forgetting_factor=1.5,  # others re-plan, so old observations say less
     )
-    # First guesses: it shares our weights and wants to stay where it is.
+    # First guess of pedestrian 1: our weights, and its present position as goal.
     theta = [own.theta, {**own.theta, "goal": observations[agent][4:6]}]
     state = estimator.init(theta, [own.gamma, 0.8])
     for step in range(steps):

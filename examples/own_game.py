@@ -1,6 +1,6 @@
-"""A game of one's own: a lane change beside another car. `python examples/own_game.py`
+"""A custom game: a lane change beside another car. `python examples/own_game.py`
 
-Defined, solved, verified, inverted from noisy observations, and solved for a thousand situations.
+Defined, solved, verified, inverted from noisy observations, and solved for a thousand episodes.
 """
 
 from dataclasses import dataclass

@@ -1,7 +1,7 @@
-"""A predictor of one's own, a plain function: `python examples/own_predictor.py`.
+"""A custom predictor, a plain function: `python examples/own_predictor.py`.
 
-It is checked, compared with the library's on simulated crossings, and drives an ego. On the command
-line it is `own_predictor:slowing` (from this folder, or wherever Python finds the module):
+It is checked and compared with the library's on simulated crossings. On the command line it is
+`own_predictor:slowing` (from this folder, or any folder where Python finds the module):
 
     foresight benchmark --scenarios crosswalk --predictors kalman,own_predictor:slowing \\
         --egos kalman+plan,own_predictor:slowing+plan
@@ -15,15 +15,15 @@ from evaluation.metrics.prediction import judged
 from evaluation.windows.simulated import simulated_windows
 
 RELAXATION = 2.0
-"""Time after which somebody has lost two thirds of the speed, s."""
+"""Time in which an agent loses two thirds of its speed, s."""
 
 
 def slowing(history: History, steps: int) -> np.ndarray:
-    """Everybody slows down: positions (steps, N, 2), m."""
+    """Agents slow down: positions (steps, N, 2), m."""
     times = history.dt * np.arange(1, steps + 1)
     paths = []
     for i in range(len(history.kinds)):
-        last = history.seen(i)[-1]  # who is out of sight now was seen before
+        last = history.seen(i)[-1]  # an agent out of sight was seen before
         state, age = history.states[last, i], history.dt * (len(history.states) - 1 - last)
         way = RELAXATION * (1.0 - np.exp(-(age + times) / RELAXATION))
         paths.append(state[:2] + way[:, None] * state[2:])

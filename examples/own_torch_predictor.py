@@ -1,7 +1,7 @@
 """A PyTorch model as a predictor: `python examples/own_torch_predictor.py` (`pip install torch`).
 
-A recurrent network sees each agent's recent velocities and says how they go on. Here it is trained
-for some seconds on straight walks: put your own training there. The library knows nothing of
+A recurrent network predicts each agent's change of velocity from its recent velocities. Here it is
+trained for some seconds on straight walks: put your own training there. The library does not import
 PyTorch: NumPy arrays go in and come out. On the command line: `own_torch_predictor:Recurrent`.
 """
 
@@ -34,7 +34,7 @@ class Network(torch.nn.Module):
 
 
 class Recurrent:
-    """What the library wants: a name, and `predict`."""
+    """The predictor: a name, and `predict`."""
 
     name = "recurrent"
 
@@ -49,7 +49,7 @@ class Recurrent:
 
     @torch.no_grad()
     def predict(self, history: History, steps: int) -> Forecast:
-        """The velocity seen last, changed by the network, goes on."""
+        """Constant motion with the last observed velocity, changed by the network."""
         seen = filled(history.states)
         velocities = torch.as_tensor(seen[..., 2:].swapaxes(0, 1), dtype=torch.float32)
         change = self.network(velocities.to(DEVICE)).cpu().numpy().astype(float)
@@ -94,7 +94,7 @@ def main() -> list[float]:
         path = Path(folder) / WEIGHTS.name  # yours go to `WEIGHTS`, where `Recurrent()` finds them
         save_file(model.network.state_dict(), path)
         check_predictor(Recurrent(path))
-    print("it does what a predictor has to do")
+    print("conforms")
     return losses
 
 

@@ -1,10 +1,10 @@
-"""Drive a pedestrian among others: `python examples/step_loop.py`.
+"""Control a pedestrian among others: `python examples/step_loop.py`.
 
-First the ten lines that every Gymnasium user knows, with a hand-written policy; then the same
-crossing with one of the registered egos, which infers the other's foresight on the way.
+First a Gymnasium loop with a hand-written policy; then the same crossing with a registered ego,
+which infers the other's discount factor.
 
-Rewards are not discounted, but an ego plans for the return discounted by its own gamma: that is
-what it is to be judged by.
+Rewards are not discounted, but an ego plans for the return discounted by its own gamma: that return
+measures it.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def tell(name: str, rewards: list[float], gamma: float, info: dict[str, Any]) ->
 
 
 def by_hand() -> float:
-    """Accelerate towards the goal, whoever stands there; returns the discounted return."""
+    """Accelerate towards the goal, others ignored; returns the discounted return."""
     env = gymnasium.make("foresight/Crosswalk-v0")
     seen, _ = env.reset(seed=SEED)
     gamma = scene_of(env).own(0).gamma
@@ -47,7 +47,7 @@ def by_hand() -> float:
 
 
 def by_ego(name: str = "infer-gamma") -> float:
-    """The same crossing, driven by a registered ego; returns the discounted return."""
+    """The same crossing with a registered ego; returns the discounted return."""
     env = gymnasium.make("foresight/Crosswalk-v0")
     seen, info = env.reset(seed=SEED)
     scene = scene_of(env)

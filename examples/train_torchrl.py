@@ -1,6 +1,6 @@
 """All agents learn, with TorchRL: `python examples/train_torchrl.py` (needs torchrl).
 
-PettingZoo's parallel environment with everybody controlled; pedestrians share one policy and one
+PettingZoo's parallel environment with all agents controlled; pedestrians share one policy and one
 value network, which multi-agent PPO trains (Yu et al., NeurIPS 2022, without a central critic).
 """
 
@@ -22,7 +22,7 @@ SEEN = (GROUP, "observation")
 
 
 class Blindfold(BaseParallelWrapper):
-    """Without information: it holds what nobody is to know, and TorchRL wants plain arrays."""
+    """Removes `infos`: they hold the ground truth, and TorchRL expects plain arrays."""
 
     def reset(self, seed=None, options=None):
         """Observations only."""
@@ -36,7 +36,7 @@ class Blindfold(BaseParallelWrapper):
 
 
 def make(steps: int = 30) -> TransformedEnv:
-    """A crosswalk in which everybody learns; episodes have a return."""
+    """A crosswalk in which all agents learn; episodes have a return."""
     env = crosswalk_v0.parallel_env(players=PLAYERS, controlled="all", max_steps=steps)
     wrapped = PettingZooWrapper(Blindfold(env), categorical_actions=False)
     episode = (GROUP, "episode_reward")
@@ -44,7 +44,7 @@ def make(steps: int = 30) -> TransformedEnv:
 
 
 def network(inputs: int, outputs: int) -> MultiAgentMLP:
-    """One network for everybody, each agent with its own observation."""
+    """One network for all agents, each with its own observation."""
     return MultiAgentMLP(
         n_agent_inputs=inputs,
         n_agent_outputs=outputs,

@@ -1,6 +1,6 @@
 """Gymnasium's and PettingZoo's wrappers around our environments: `python examples/wrappers.py`.
 
-A film by `RecordVideo` (needs the package moviepy), actions in [-1, 1] as learners like them,
+A film by `RecordVideo` (needs the package moviepy), actions in [-1, 1],
 stacked and normalised observations, and an agent-by-agent loop.
 """
 
@@ -37,7 +37,7 @@ def film(folder: Path, steps: int = 15) -> Path:
 
 
 def stacked(steps: int = 12) -> tuple[tuple[int, ...], float]:
-    """An episode as a learner would see it: shape of an observation, and the return."""
+    """An episode with the usual wrappers of trainers: shape of an observation, and the return."""
     env = gymnasium.make("foresight/Crosswalk-v0", observation="positions")
     env = RecordEpisodeStatistics(TimeLimit(env, steps))
     env = RescaleAction(env, np.float32(-1.0), np.float32(1.0))
@@ -52,7 +52,7 @@ def stacked(steps: int = 12) -> tuple[tuple[int, ...], float]:
 
 
 def agent_by_agent(steps: int = 6) -> dict[str, float]:
-    """Everybody controlled, one agent after the other: the rewards of all, summed up."""
+    """All agents controlled, one after the other: the summed rewards of each."""
     env = parallel_to_aec(
         driving_v0.parallel_env(cars=2, controlled="all", planning_horizon=4, max_steps=steps)
     )

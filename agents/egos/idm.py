@@ -1,6 +1,6 @@
 """The traffic-engineering ego: highway-env's IDM vehicle on the ego's own path.
 
-It keeps its distance from whoever is ahead on that path and sees no crossing traffic (Treiber,
+It keeps its distance from the agent ahead on that path and sees no crossing traffic (Treiber,
 Hennecke and Helbing, "Congested traffic states in empirical observations and microscopic
 simulations", Physical Review E 62, 2000). It steers as highway-env's `ControlledVehicle` does.
 """
@@ -30,7 +30,7 @@ LANE = ("begin", "end", 0)
 
 
 class IdmMemory(NamedTuple):
-    """What was seen, and the path as a road."""
+    """Observations, and the path as a road."""
 
     perception: Perception
     network: RoadNetwork
@@ -38,7 +38,7 @@ class IdmMemory(NamedTuple):
 
 @dataclass(frozen=True)
 class Idm:
-    """Follows its path at its speed, behind whoever is on it."""
+    """Follows its path at its speed, behind the agent ahead on it."""
 
     name: str = "idm"
 

@@ -1,7 +1,7 @@
 """The ego `infer-gamma`: infers the others' goals and discount factors, and plans with them.
 
-With `infer_gamma=False` it is the baseline that takes everybody for farsighted (gamma = 1): the
-same estimator, observations and planner, one assumption more.
+With `infer_gamma=False` it is the baseline `assume-gamma-1`, with the others' discount factors
+fixed at 1: the same estimator, observations and planner.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ AHEAD_PART = 0.6
 
 
 class InferGammaMemory(NamedTuple):
-    """Estimator, what it knows, and the last plan."""
+    """Estimator with its state, and the last plan."""
 
     scene: Scene
     ego: int
@@ -45,11 +45,11 @@ class InferGammaMemory(NamedTuple):
     state: MovingHorizonState | None
     plan: Plan | None
     early: PlanMemory
-    """What to do until there is an estimate; its perception knows the ego's own state."""
+    """Policy until there is an estimate; its perception has the ego's own state."""
     outdated: bool = False
     """Whether the latest update kept the estimate before it."""
     planning: Budget = Budget.offline()
-    """What the latest update leaves for planning."""
+    """Budget of the plan after the latest update."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class InferGamma:
     ahead: int | None = None
     """Stages after the window in the estimated game; None: three fifths of the planning horizon."""
     prior: Prior = Prior(gamma_weight=4.0, gamma_center=1.0)
-    """Discount factors 1 +- 0.5: a weak belief. Where it is silent on `theta`, the scene is not."""
+    """Of discount factors: weak, 1 +- 0.5. Of `theta`: `scene.opponent_prior` unless given here."""
 
     def init(self, scene: Scene, agent: str | int) -> InferGammaMemory:
         """See `EgoPolicy`."""
@@ -122,7 +122,7 @@ class InferGamma:
             gamma[memory.ego] = scene.own(memory.ego).gamma
             state = memory.estimator.init(guessed, gamma)
         else:
-            # What is not estimated is guessed anew, such as the way that a car takes.
+            # Parameters that are not estimated are guessed again, such as a car's path.
             kept = scene.opponent_prior.free
             state = state._replace(
                 theta=tuple(
@@ -142,7 +142,7 @@ class InferGamma:
     def _guess(
         self, perception: Perception, recent: Float[np.ndarray, "K size"]
     ) -> list[dict[str, Any]]:
-        """Own parameters as they are; others' as the scene lets one believe."""
+        """Own parameters as they are; others' by the opponent prior."""
         scene, ego = perception.scene, perception.ego
         own = scene.own(ego)
         model = scene.observation_model(ego)
@@ -201,9 +201,9 @@ class InferGamma:
 def _future(
     scene: Scene, state: MovingHorizonState, found: Estimate
 ) -> list[Float[np.ndarray, "T _"]]:
-    """Everybody's controls from now on in the estimated game, (horizon, m_i) each.
+    """All players' controls from now on in the estimated game, (horizon, m_i) each.
 
-    Nobody acts after its end.
+    Zero after its end.
     """
     horizon = scene.game.horizon
     return [
@@ -213,5 +213,5 @@ def _future(
 
 
 def assume_gamma_1() -> InferGamma:
-    """The gamma = 1 baseline."""
+    """Return the baseline ego `assume-gamma-1`."""
     return InferGamma("assume-gamma-1", infer_gamma=False)

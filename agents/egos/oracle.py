@@ -1,4 +1,4 @@
-"""The oracle ego: true states and everybody's true parameters; no competitor.
+"""The oracle ego: true states and all agents' true parameters; no competitor.
 
 It does not know which of several equilibria the others play, so it is no upper bound either.
 """
@@ -21,7 +21,7 @@ from foresight_env.envs.core.world import unstacked
 
 
 class OracleMemory(NamedTuple):
-    """The latest truth."""
+    """Latest ground truth."""
 
     scene: Scene
     ego: int

@@ -1,7 +1,7 @@
-"""Where the ego itself is: it knows what it did, and sees itself as noisily as everybody else.
+"""Estimate of the ego's own state from its actions and noisy observations.
 
-An extended Kalman filter with the game's own dynamics. The equilibrium that an estimator fits says
-less of the ego: noise makes it leave the equilibrium, and its plan must begin where it is.
+An extended Kalman filter with the game's own dynamics. The equilibrium that an estimator fits is a
+worse estimate: noise makes the ego leave the equilibrium, and its plan must begin where it is.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ UNSEEN = 1.0
 
 
 def observation_variance(scene: Scene) -> float:
-    """Of every observed coordinate, as estimators are to take it."""
+    """Variance of every observed coordinate, for estimators."""
     return max(scene.noise_std**2, LEAST_VARIANCE)
 
 
 class OwnState(NamedTuple):
-    """What the ego knows of its own state."""
+    """Gaussian estimate of the ego's own state."""
 
     mean: Float[np.ndarray, "n"] | None = None
     """None before enough was seen."""
@@ -45,7 +45,7 @@ class OwnState(NamedTuple):
     """The last own observation, while there is no mean."""
 
     def acted(self, action: Float[np.ndarray, "m"]) -> OwnState:
-        """The same, with what is being done now."""
+        """Return the same with the present action."""
         return self._replace(action=np.asarray(action, dtype=float))
 
 

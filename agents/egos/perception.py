@@ -1,4 +1,4 @@
-"""What an ego without a game remembers of what it saw: where everybody is and how they move."""
+"""Perception of an ego without a game: all agents' present states by straight, even motion."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from foresight_env.envs.core.scene import Scene
 
 
 class Perception(NamedTuple):
-    """Recent observations, where everybody is by them, and the ego's own state."""
+    """Recent observations, all agents' states by them, and the ego's own state."""
 
     scene: Scene
     ego: int
     observations: tuple[Float[np.ndarray, "size"], ...] = ()
     own: OwnState = OwnState()
     known: tuple[Float[np.ndarray, "4"] | None, ...] = ()
-    """Everybody's state now by straight, even motion, also of those who are out of sight; None of
-    whom was never seen."""
+    """All agents' present states by straight, even motion, also out of sight; None before an agent
+    was seen."""
     guessed: bool = False
-    """Whether somebody has only just been seen, at a place without a velocity: at rest, it says."""
+    """Whether an agent was seen only once, a position without a velocity: taken to be at rest."""
 
     def taking(self, observation: Float[np.ndarray, "size"]) -> Perception:
-        """With an observation of the environment, whose last two entries are the goal."""
+        """Return the same after an observation, whose last two entries are the goal."""
         seen = np.asarray(observation[:-2], dtype=float)
         model = self.scene.observation_model(self.ego)
         observations = (*self.observations, seen)[-FIT_STEPS:]
@@ -63,18 +63,18 @@ class Perception(NamedTuple):
         return extrapolate(self.scene.game.players[j].dynamics, state, 1, self.scene.dt)[0]
 
     def acted(self, action: Float[np.ndarray, "m"]) -> Perception:
-        """With what the ego does until the next observation."""
+        """Return the same with the ego's action until the next observation."""
         return self._replace(own=self.own.acted(action))
 
     @property
     def missing(self) -> bool:
-        """Whether somebody who takes part was never seen yet: there is no game to plan in."""
+        """Whether an agent was never seen yet: there is no game to plan in."""
         if not self.observations:
             raise ValueError("memory: holds no observation yet; call update before act")
         return any(state is None for state in self.known)
 
     def states(self) -> list[Float[np.ndarray, "4"]]:
-        """Where everybody is: the ego by what it did, the others by straight, even motion."""
+        """Present states: the ego's own by its actions, the others' by straight, even motion."""
         if self.missing:
             raise ValueError("memory: somebody was never seen; a decision is to wait")
         found = [state for state in self.known if state is not None]
@@ -83,7 +83,7 @@ class Perception(NamedTuple):
         return found
 
     def waiting(self) -> tuple[Decision, Perception]:
-        """What to do while somebody was never seen: brake, or nothing where the ego is not seen."""
+        """Decision while an agent was never seen: brake, or zero where the ego is not seen."""
         state = self.known[self.ego] if self.own.mean is None else self.own.mean
         game = self.scene.game
         action = np.zeros(game.players[self.ego].dynamics.control_size)

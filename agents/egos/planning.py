@@ -1,4 +1,4 @@
-"""Receding-horizon planning that every ego shares: solve, keep the plan, else fall back."""
+"""Receding-horizon planner of all egos: solve, and keep the plan as a fallback."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from foresight_env.games.motion import planar_velocity
 from foresight_env.games.types import Theta
 
 Guess = Solution | Sequence[Float[np.ndarray, "T _"]] | None
-"""Where a plan may start: a solution, everybody's controls, or cold."""
+"""Start of a plan: a solution, all players' controls, or cold."""
 
 
 class Plan(NamedTuple):
@@ -29,7 +29,7 @@ class Plan(NamedTuple):
 
     solution: Solution
     player: int
-    """Which of the solved game's players the ego is."""
+    """The ego's index among the solved game's players."""
 
 
 def within_limits(game: Game, player: int, control: np.ndarray) -> np.ndarray:
@@ -82,7 +82,7 @@ def plan_equilibrium(
     `ALTERNATIVE_STEPS` Newton steps does. All solves but one from the last guess, where no other
     led to a plan, are trials. Where several equilibria are found, the one is taken that asks the
     others for the least change of their motion: agents that assume different ones collide or wait
-    for ever.
+    for the whole episode.
     """
     game = scene.game
     bounded = inside_bounds(game, states)
@@ -123,7 +123,7 @@ ALTERNATIVE_STEPS = 15
 the next one. Of 1725 left turns' and roundabouts' decisions another equilibrium was preferred in
 115; in 101 of these the first solve was quicker than this."""
 INERTIA_STEPS = 8
-"""Steps over which equilibria are compared with everybody's going straight on."""
+"""Steps over which equilibria are compared with straight motion of all."""
 SAME_CHANGE = 1e-3
 """Mean squared distance (m^2) below which two equilibria count as the same: the first is kept."""
 
@@ -131,7 +131,7 @@ SAME_CHANGE = 1e-3
 def _change_of_others(
     scene: Scene, ego: int, states: Sequence[np.ndarray], solution: Solution
 ) -> float:
-    """Mean squared distance (m^2) of the others' next steps from going on as they are."""
+    """Mean squared distance (m^2) of the others' next steps from straight motion."""
     total = 0.0
     times = scene.dt * np.arange(1, INERTIA_STEPS + 1)[:, None]
     for j, state in enumerate(states):
@@ -152,7 +152,7 @@ def plan_response(
     predicted: dict[int, Float[np.ndarray, "T _"]],
     previous: Plan | None,
 ) -> tuple[Decision, Plan | None]:
-    """The others follow `predicted` (joint states, T stages) whatever happens; the ego adapts."""
+    """Plan the ego's best response to others that follow `predicted` (joint states, T stages)."""
     game = scene.game
     alone = best_response_game(game, ego)
     state = np.asarray(own_state)

@@ -1,7 +1,7 @@
-"""Predict then plan: any predictor's forecast, and the planner that all egos share.
+"""Predict then plan: any predictor's forecast, and the common planner.
 
 The others follow their forecast whatever the ego does, and the ego plans its best response to it in
-the scene's game. Egos of this kind differ in their forecasts and in nothing else.
+the scene's game. Egos of this kind differ in their forecasts only.
 """
 
 from __future__ import annotations
@@ -30,25 +30,25 @@ SMALL = 1e-6
 
 
 class PlanMemory(NamedTuple):
-    """What was seen, how everybody moved, and the last plan."""
+    """Perception, recent tracks of all agents, and the last plan."""
 
     perception: Perception
     track: tuple[Float[np.ndarray, "N 4"], ...] = ()
-    """Latest states of everybody, the newest last."""
+    """Latest states of all agents, the newest last."""
     plan: Plan | None = None
 
 
 @dataclass(frozen=True)
 class PredictThenPlan:
-    """The planner, with this predictor's idea of what the others will do."""
+    """The planner with this predictor's forecasts of the others."""
 
     predictor: Predictor = field(default_factory=ConstantVelocityPredictor)
     name: str = "constant-velocity"
     window: int = 10
-    """Steps that the predictor is shown."""
+    """Steps of the predictor's history."""
     risk: float = 0.1
-    """Where a forecast has covariances: probability with which another may be nearer to the plan
-    than the ego reckons with, at each step."""
+    """Where a forecast has covariances: probability that another agent is nearer to the plan than
+    the ego plans for, at each step."""
 
     def init(self, scene: Scene, agent: str | int) -> PlanMemory:
         """See `EgoPolicy`."""
@@ -111,7 +111,7 @@ def constant_velocity() -> PredictThenPlan:
 
 
 def history_of(scene: Scene, track: tuple[Float[np.ndarray, "N 4"], ...]) -> History:
-    """Everybody's latest states as predictors are shown them."""
+    """Latest states of all agents as a predictor's history."""
     players = scene.game.players
     states = np.stack(track)
     planar = states.copy()
@@ -127,7 +127,7 @@ def history_of(scene: Scene, track: tuple[Float[np.ndarray, "N 4"], ...]) -> His
 def planned_positions(
     scene: Scene, ego: int, state: Float[np.ndarray, "4"], plan: Plan | None
 ) -> Float[np.ndarray, "T 2"]:
-    """Where the ego will be by its last plan, and beyond its end; straight on without one."""
+    """The ego's positions by its last plan, and beyond its end; straight motion without one."""
     horizon, dynamics = scene.game.horizon, scene.game.players[ego].dynamics
     if plan is None:
         times = scene.dt * np.arange(1, horizon + 1)[:, None]
@@ -139,7 +139,7 @@ def planned_positions(
 def feared_positions(
     forecast: Forecast, ego: int, own: Float[np.ndarray, "T 2"], deviations: float
 ) -> Float[np.ndarray, "T N 2"]:
-    """The most_likely positions, moved towards the ego's by that many standard deviations.
+    """The most likely positions, moved towards the ego's by that many standard deviations.
 
     To keep a distance from there is a linearised chance constraint along the line between the two
     (Zhu and Alonso-Mora, "Chance-constrained collision avoidance for MAVs in dynamic

@@ -5,7 +5,7 @@
     decision, memory = policy.act(memory)               # decision.action goes to env.step
 
 A policy is a setting without state of its own; everything that changes is in `memory`, so one
-policy may drive several agents. Observations and actions are NumPy arrays as the environment
+policy may control several agents. Observations and actions are NumPy arrays as the environment
 defines them.
 """
 
@@ -25,7 +25,7 @@ Memory = TypeVar("Memory")
 
 @dataclass(frozen=True)
 class Decision:
-    """An action, and what the policy thought when it chose it."""
+    """An action, with the plan, predictions and estimates behind it."""
 
     action: Float[np.ndarray, "m"]
     planned: Float[np.ndarray, "K 2"] | None = None
@@ -42,7 +42,7 @@ class Decision:
 
 @runtime_checkable
 class EgoPolicy(Protocol[Memory]):
-    """What drives a controlled agent."""
+    """Policy of a controlled agent."""
 
     @property
     def name(self) -> str:

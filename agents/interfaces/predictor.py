@@ -1,4 +1,4 @@
-"""Predictors: what was seen of some agents in, where they will be out; NumPy arrays only.
+"""Predictors: from a history of observed agents to a forecast; NumPy arrays only.
 
 A user's own model plugs in by having a `name` and a `predict` method; nothing is inherited.
 """
@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float
 
 @dataclass(frozen=True, eq=False)
 class History:
-    """What has been seen of N agents at K steps, the last of them now."""
+    """Observed states of N agents at K steps, the last of them now."""
 
     states: Float[np.ndarray, "K N 4"]
     """`[px, py, vx, vy]` (m, m/s), NaN where an agent was not seen."""
@@ -67,9 +67,9 @@ class Forecast:
     gamma_deviation: Float[np.ndarray, "N"] | None = None
     """Standard deviations; 0 where one rests on a limit of the search, or was not inferred."""
     gamma_identifiable: Bool[np.ndarray, "N"] | None = None
-    """False where the observations leave a discount factor open."""
+    """False where the observations do not identify a discount factor."""
     fallback: bool = False
-    """Whether the predictor failed and this is a simpler one's forecast."""
+    """Whether the predictor failed and this is a simpler predictor's forecast."""
 
     @property
     def most_likely(self) -> Float[np.ndarray, "P N 2"]:
@@ -84,7 +84,7 @@ def single(positions: Float[np.ndarray, "P N 2"]) -> Forecast:
 
 @runtime_checkable
 class Predictor(Protocol):
-    """What predicts."""
+    """Predictor of agents' positions."""
 
     @property
     def name(self) -> str:
@@ -92,7 +92,7 @@ class Predictor(Protocol):
         ...
 
     def predict(self, history: History, steps: int) -> Forecast:
-        """Where everybody will be in the next `steps` steps of `history.dt`."""
+        """Return the forecast of the next `steps` steps of `history.dt`."""
         ...
 
 
@@ -105,6 +105,6 @@ class FunctionPredictor:
     name: str
 
     def predict(self, history: History, steps: int) -> Forecast:
-        """What the function says."""
+        """Return the function's forecast."""
         found = self.function(history, steps)
         return found if isinstance(found, Forecast) else single(np.asarray(found, dtype=float))

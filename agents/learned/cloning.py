@@ -1,4 +1,4 @@
-"""Behaviour cloning: a network does what the oracle did in what looks alike (Pomerleau, 1989)."""
+"""Behaviour cloning of the oracle by a network (Pomerleau, 1989)."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from foresight_env.scenarios.crosswalk import CONTROL_LIMIT
 
 
 class CloningExample(NamedTuple):
-    """What was seen, and what the oracle did."""
+    """Observations and the oracle's control."""
 
     seen: Float32[np.ndarray, "window 10"]
     """See `crosswalk_window`."""
@@ -38,7 +38,7 @@ class CloningNetwork(eqx.Module):
 
 
 def cloning_loss(network: CloningNetwork, example: CloningExample) -> tuple[Array, Array]:
-    """Huber's: what the oracle does at its limits is not to outweigh all else."""
+    """Huber loss, so that controls at their limits do not dominate."""
     error = network(example.seen) - jnp.asarray(example.control)
     size = jnp.abs(error)
     return jnp.sum(jnp.where(size < 1.0, 0.5 * error**2, size - 0.5)), jnp.ones(())

@@ -1,4 +1,4 @@
-"""What networks at the crosswalk decide by: the last few observations, seen from the ego."""
+"""Input of networks at the crosswalk: the last few observations, relative to the ego."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ SIZE = 10
 
 
 def crosswalk_window(observations: Float[np.ndarray, "*B K 10"]) -> Float32[np.ndarray, "*B 4 10"]:
-    """The last observations, places from where the ego is seen to be now (m).
+    """The last observations, positions relative to the ego's observed one (m).
 
     Of fewer than `WINDOW` the first is repeated.
     """

@@ -1,7 +1,7 @@
-"""What networks see of a history: each agent in its own frame, at fixed steps, padded.
+"""Features of a history for networks: each agent in its own frame, at fixed steps, padded.
 
 The frame has its origin where the agent is now, and its first axis along the agent's velocity; so
-what is predicted does not depend on where the origin is or where north is. Steps are those that
+forecasts do not depend on the origin or the direction of north. Steps are those that
 networks are trained with, whatever the history's are.
 """
 
@@ -41,7 +41,7 @@ class Features(NamedTuple):
 
 
 class Frames(NamedTuple):
-    """Where agents are now, and the rotation from their own frames to the plane."""
+    """Present positions, and rotations from agents' own frames to the plane."""
 
     place: Float[np.ndarray, "A 2"]
     velocity: Float[np.ndarray, "A 2"]
@@ -49,7 +49,7 @@ class Frames(NamedTuple):
 
 
 def present_tracks(history: History) -> Float[np.ndarray, "known N 4"]:
-    """Tracks at multiples of `STEP` before now, straight on where somebody is out of sight now.
+    """Tracks at multiples of `STEP` before now, straight motion for agents out of sight now.
 
     Between observations by interpolation; NaN before the first.
     """
@@ -108,16 +108,16 @@ def features_of(history: History) -> tuple[Features, Frames]:
 
 
 def straight(frames: Frames, times: Float[np.ndarray, "P"]) -> Float[np.ndarray, "P A 2"]:
-    """Where agents are at these times (s) when they go straight on."""
+    """Where agents are at these times (s) in straight motion."""
     return np.asarray(frames.place + times[:, None, None] * frames.velocity)
 
 
 def targets_of(
     frames: Frames, truth: Float[np.ndarray, "P N 2"], dt: float
 ) -> tuple[Float32[np.ndarray, "A ahead 2"], Bool[np.ndarray, "A ahead"]]:
-    """How far from straight on everybody came at multiples of `STEP`, in its own frame; and where.
+    """Departures from straight motion at multiples of `STEP`, in own frames; and positions.
 
-    `truth`: positions after 1..P steps of `dt`, NaN where somebody had left.
+    `truth`: positions after 1..P steps of `dt`, NaN where an agent had left.
     """
     count = len(frames.place)
     wanted = STEP * np.arange(1, AHEAD + 1)

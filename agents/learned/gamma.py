@@ -1,4 +1,4 @@
-"""The learned estimator of discount factors, with shipped weights or with one's own."""
+"""The learned estimator of discount factors, with shipped or custom weights."""
 
 from __future__ import annotations
 

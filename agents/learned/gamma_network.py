@@ -1,7 +1,7 @@
-"""Discount factors from a window of observations, at once: amortised inference.
+"""Amortised inference of discount factors from a window of observations.
 
-What the inverse game finds by solving games, a network has seen so often in simulated episodes that
-it guesses it (Papamakarios and Murray, "Fast epsilon-free inference of simulation models with
+A network trained on simulated episodes replaces the solves of the inverse game (Papamakarios and
+Murray, "Fast epsilon-free inference of simulation models with
 Bayesian conditional density estimation", NeurIPS 2016, with one Gaussian).
 """
 
@@ -53,7 +53,7 @@ def gamma_loss(network: GammaNetwork, example: GammaExample) -> tuple[Array, Arr
 def gamma_window(
     rows: Float[np.ndarray, "window 2 4"],
 ) -> tuple[Float32[np.ndarray, "window 4"], Float32[np.ndarray, "window 4"]]:
-    """What the network sees of the pedestrian (row 1) and of the ego (row 0)."""
+    """Features of the ego (row 0) and of the pedestrian (row 1)."""
     origin = np.array([*rows[-1, 1, :2], 0.0, 0.0])
     return np.asarray(rows[:, 1] - origin, np.float32), np.asarray(rows[:, 0] - origin, np.float32)
 

@@ -1,4 +1,4 @@
-"""What both networks say: K joint futures as departures from straight on, with deviations."""
+"""Output of both networks: K joint futures as departures from straight motion, with deviations."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Futures(NamedTuple):
 
 
 class Head(eqx.Module):
-    """From what a network knows of each agent to `Futures`."""
+    """From a network's features of each agent to `Futures`."""
 
     layer: eqx.nn.MLP
     modes: int = eqx.field(static=True)

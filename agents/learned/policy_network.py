@@ -1,4 +1,4 @@
-"""The network that PPO trains (Schulman et al., 2017): Stable-Baselines3's own, without PyTorch."""
+"""Network that PPO trains (Schulman et al., 2017): Stable-Baselines3's actor without PyTorch."""
 
 from __future__ import annotations
 

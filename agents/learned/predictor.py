@@ -35,14 +35,14 @@ def _loaded(path: Path) -> tuple[Any, float]:
 
 @eqx.filter_jit
 def futures_of(network: Any, seen: Any) -> Futures:
-    """What a network says; one compiled program for all histories."""
+    """Output of a network; one compiled program for all histories."""
     found: Futures = network(seen)
     return found
 
 
 @dataclass(frozen=True)
 class LearnedPredictor:
-    """A network of this library, with shipped weights or with one's own."""
+    """A network of this library, with shipped or custom weights."""
 
     name: str
     """One of `NETWORKS`."""
@@ -50,7 +50,7 @@ class LearnedPredictor:
     """A .safetensors file that `foresight train` has written; empty: the shipped one."""
 
     def predict(self, history: History, steps: int) -> Forecast:
-        """K joint futures; beyond 4 s they go on as they were going.
+        """K joint futures; beyond 4 s they continue their last motion.
 
         Of more than `AGENTS` agents those beyond go straight on.
         """
@@ -102,7 +102,7 @@ def _with_rest(
     probabilities: Float[np.ndarray, "K"],
     covariance: Float[np.ndarray, "K P A 2 2"],
 ) -> Forecast:
-    """Those beyond the network's places go straight on, as unsure as the most unsure within."""
+    """Agents beyond the network's places: straight motion with the largest deviation within."""
     line = ConstantVelocityPredictor().predict(history, steps).most_likely[:, AGENTS:]
     rest = np.broadcast_to(line, (len(positions), *line.shape))
     most = covariance.max(axis=2, keepdims=True)

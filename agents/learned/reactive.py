@@ -1,4 +1,4 @@
-"""Networks as egos: they drive one of two pedestrians at the crosswalk, and plan nothing."""
+"""Reactive egos: networks that control one of two pedestrians at the crosswalk."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ REACTIVE: dict[str, Any] = {"cloned": CloningNetwork, "ppo": PolicyNetwork}
 
 
 class ReactiveMemory(NamedTuple):
-    """The latest observations, and where everybody is."""
+    """Latest observations and present states."""
 
     perception: Perception
     observations: tuple[Float[np.ndarray, "10"], ...] = ()
@@ -50,7 +50,7 @@ def _said(network: Any, seen: Any) -> Any:
 
 @dataclass(frozen=True)
 class ReactiveEgo:
-    """A network of this library, with shipped weights or with one's own."""
+    """A network of this library, with shipped or custom weights."""
 
     name: str
     """One of `REACTIVE`."""
@@ -58,7 +58,7 @@ class ReactiveEgo:
     """A .safetensors file that `foresight train` has written; empty: the shipped one."""
 
     def init(self, scene: Scene, agent: str | int) -> ReactiveMemory:
-        """See `EgoPolicy`; `ValueError` where it has learned nothing of the scene."""
+        """See `EgoPolicy`; `ValueError` for scenes that it was not trained on."""
         ego = scene.index(agent)
         crosswalk = all(name.startswith("pedestrian") for name in scene.names)
         if not (crosswalk and scene.players == 2 and scene.observation == "full"):

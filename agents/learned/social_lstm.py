@@ -1,6 +1,6 @@
-"""An LSTM that pools what its neighbours do (Alahi et al., "Social LSTM", CVPR 2016).
+"""LSTM that pools its neighbours' states (Alahi et al., "Social LSTM", CVPR 2016).
 
-Neighbours are pooled by the largest of what a small network says of each (Gupta et al., "Social
+Neighbours are pooled by the maximum of a small network's outputs (Gupta et al., "Social
 GAN", CVPR 2018), not over a grid: their places are not rounded to cells.
 """
 

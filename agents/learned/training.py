@@ -1,7 +1,7 @@
-"""One training loop for all networks: it can be killed at any moment and goes on from there.
+"""Training loop of all networks: training resumes after interruption.
 
-What an epoch does depends on the seed, the epoch's number and the data alone; so a training that
-was interrupted ends with the same weights as one that was not.
+An epoch depends on the seed, the epoch's number and the data alone, so an interrupted training ends
+with the same weights as an uninterrupted one.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ Loss = Callable[[Any, Any], tuple[Any, Any]]
 
 @dataclass(frozen=True)
 class Schedule:
-    """How long and how fast."""
+    """Epochs, batches and learning rates."""
 
     epochs: int = 100
     batch: int = 64
@@ -50,7 +50,7 @@ class Epoch(NamedTuple):
 
 
 class Trained(NamedTuple):
-    """What a training ends with."""
+    """Result of a training."""
 
     network: Any
     """Of the epoch with the best validation."""
@@ -69,7 +69,7 @@ def train(
     *,
     told: Callable[[Epoch], None] = lambda epoch: None,
 ) -> Trained:
-    """Train what `make(key)` makes, keeping checkpoints in `folder`; go on where one was left.
+    """Train what `make(key)` makes, with checkpoints in `folder`; resume from the last one.
 
     `examples`, `validation`: PyTrees of NumPy arrays with a leading axis. `told`: is given every
     epoch as it ends. `ValueError` where the folder holds the training of something else.
@@ -110,7 +110,7 @@ def train(
 
 
 def is_tired(curve: tuple[Epoch, ...], patience: int) -> bool:
-    """Whether the last `patience` epochs brought nothing better."""
+    """Whether the last `patience` epochs had no better validation."""
     if not curve:
         return False
     return len(curve) - 1 - min(curve, key=lambda e: e.validation).number >= patience

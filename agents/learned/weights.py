@@ -1,4 +1,4 @@
-"""Weights in files: safetensors, which hold arrays and nothing that runs, and JSON beside it."""
+"""Weights in files: safetensors, which hold arrays and no code, with a JSON file of metadata."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def unpacked(tree: Any, data: bytes, what: str) -> Any:
 
 
 def load_network(path: Path, make: Callable[[dict[str, Any]], Any]) -> tuple[Any, dict[str, Any]]:
-    """A network from `path` (.safetensors), and what the JSON beside it says.
+    """A network from `path` (.safetensors), and its JSON metadata.
 
     `make`: from that, a network of the right shapes.
     """

@@ -1,4 +1,4 @@
-"""What predictors that move bodies need of a history: sizes, where they are, where they want to."""
+"""Sizes, positions and preferred velocities of the agents of a history."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def recent_turn(history: History, agent: int) -> float:
 def wanted_velocities(
     history: History, count: int, dt: float
 ) -> tuple[Float[np.ndarray, "N 2"], Float[np.ndarray, "count N 2"]]:
-    """Places now, and `count` velocities `dt` apart, from now on, that everybody would have alone.
+    """Places now, and `count` velocities `dt` apart, from now on, that each agent would have alone.
 
     Who is out of sight now is where it would have gone to. Alone, people keep their velocity and
     vehicles their speed and turn rate.

@@ -1,4 +1,4 @@
-"""The game as a predictor: discount factors and wishes are inferred, the equilibrium goes on."""
+"""The encounter game as a predictor: inferred discount factors and preferred motion."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ LEAST_STEPS = 2
 
 @dataclass(frozen=True)
 class EncounterPredictor:
-    """Fits the encounter game to what was seen; its equilibrium goes on from there."""
+    """Fit of the encounter game to the history; its equilibrium is the forecast."""
 
     infer: bool = True
     """Whether discount factors are inferred; else they are 1."""
@@ -49,7 +49,7 @@ class EncounterPredictor:
         return "encounter-game" if self.infer else "encounter-game-gamma-1"
 
     def predict(self, history: History, steps: int) -> Forecast:
-        """Where everybody will be; constant velocity, marked so, where no fit succeeds.
+        """Return the forecast; constant velocity as a fallback where no fit succeeds.
 
         A single observation is nothing to fit to.
         """
@@ -107,7 +107,7 @@ class EncounterPredictor:
         return deviation[:, None, None] ** 2 * np.eye(size)
 
     def _deviations(self, driving: list[bool]) -> tuple[tuple[str, float], ...]:
-        """Beliefs about wishes, of the kinds of agents that there are."""
+        """Deviations of preferred motion, of the kinds of agents that there are."""
         belief = self.belief
         walking = (("velocity", belief.velocity_deviation),)
         steered = (("speed", belief.speed_deviation), ("curvature", belief.curvature_deviation))

@@ -1,4 +1,4 @@
-"""What all predictors that play the encounter game have in common: beliefs, and what was seen."""
+"""Common parts of the predictors that play the encounter game: priors and observed states."""
 
 from __future__ import annotations
 
@@ -19,41 +19,40 @@ LEAST_SPEED = 0.5
 
 
 class EncounterBelief(NamedTuple):
-    """What is believed of people and vehicles before they are seen.
+    """Prior of people's and vehicles' parameters.
 
     Settings were chosen on the development recordings of `evaluation.windows.interaction`, those of
     discount factors in the manner of empirical Bayes.
     """
 
     velocity_deviation: float = 0.4
-    """People's wanted velocities lie within this of the last seen, m/s."""
+    """Of people's preferred velocities about the last observed one, m/s."""
     speed_deviation: float = 0.2
-    """Vehicles' wanted speeds likewise."""
+    """Of vehicles' preferred speeds, likewise."""
     curvature_deviation: float = 0.005
-    """And the wanted curvatures of their paths, 1/m."""
+    """Of the preferred curvatures of their paths, 1/m."""
     walking_gamma: tuple[float, float] = (1.0, 64.0)
-    """Center and weight of the belief about people's discount factors."""
+    """Centre and weight of the prior of people's discount factors."""
     driving_gamma: tuple[float, float] = (0.7, 16.0)
-    """And about vehicles'."""
+    """And of vehicles'."""
     walking_wander: float = 0.08
-    """Nobody keeps to an equilibrium exactly: density of the white acceleration that carries people
-    off it, m^2/s^3."""
+    """Density of the white acceleration by which people depart from the equilibrium, m^2/s^3."""
     driving_wander: float = 0.6
     """And vehicles."""
 
     def gamma(self, kind: str) -> tuple[float, float]:
-        """Center and weight of the belief about a discount factor."""
+        """Centre and weight of the prior of a discount factor."""
         return self.driving_gamma if is_vehicle(kind) else self.walking_gamma
 
     def gamma_deviation(self, kind: str) -> float:
-        """Of that belief: a weight `w` on a square stands for a Gaussian of deviation `1/sqrt(w)`.
+        """Of that prior: a weight `w` on a square stands for a Gaussian of deviation `1/sqrt(w)`.
 
         Objectives here are sums of whitened squares, without the half (`inverse.Prior`).
         """
         return float(self.gamma(kind)[1] ** -0.5)
 
     def wish_deviation(self, kind: str) -> Float[np.ndarray, "2"]:
-        """Of the entries of a preferred: a velocity, or speed and curvature."""
+        """Of the entries of a preferred motion: a velocity, or speed and curvature."""
         if is_vehicle(kind):
             return np.array([self.speed_deviation, self.curvature_deviation])
         return np.array([self.velocity_deviation, self.velocity_deviation])
@@ -62,7 +61,7 @@ class EncounterBelief(NamedTuple):
 def wandering(
     belief: EncounterBelief, history: History, steps: int
 ) -> Float[np.ndarray, "P N 2 2"]:
-    """Covariance of where agents have strayed from what they meant to do, after 1..P steps.
+    """Covariance of agents' departures from the equilibrium after 1..P steps, m^2.
 
     White acceleration, integrated twice (Bar-Shalom et al., "Estimation with Applications to
     Tracking and Navigation", 2001, section 6.2).
@@ -76,7 +75,7 @@ def wandering(
 
 
 def preferred_motion(history: History, agent: int) -> Any:
-    """What an agent seems to keep: the last velocity, or the last speed and curvature."""
+    """Preferred motion of an agent: the last velocity, or the last speed and curvature."""
     velocity = history.states[history.seen(agent)[-1], agent, 2:]
     if not is_vehicle(history.kinds[agent]):
         return velocity
@@ -96,7 +95,7 @@ def seen_states(history: History) -> Float[np.ndarray, "K N 4"]:
 
 
 def filled_states(history: History) -> Float[np.ndarray, "K N 4"]:
-    """`seen_states` without gaps: who is out of sight keeps its speed and turn rate.
+    """`seen_states` without gaps: an agent out of sight keeps its speed and turn rate.
 
     From when it was seen last, or backwards from when it was seen first.
     """

@@ -2,7 +2,7 @@
 
 Treiber, Hennecke, Helbing, "Congested traffic states in empirical observations and microscopic
 simulations", Physical Review E 62 (2000). Without a map a vehicle's lane is the circle that it is
-on. Whoever is ahead on it leads: vehicles, and people who stand or walk there. People walk on.
+on. The nearest agent ahead on it leads, vehicles and people alike. People keep their velocity.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ NEAREST = 0.1
 
 @dataclass(frozen=True)
 class IdmPredictor:
-    """Vehicles follow their lane and whoever is on it; parameters for streets of a town."""
+    """Vehicles follow their lane and the agent ahead on it; parameters for streets of a town."""
 
     name: str = "idm"
     time_gap: float = 1.5
@@ -48,7 +48,7 @@ class IdmPredictor:
     """Hardest braking, m/s^2: the model itself knows no limit."""
 
     def predict(self, history: History, steps: int) -> Forecast:
-        """Where everybody will be."""
+        """Return the forecast."""
         count = len(history.kinds)
         driving = [is_vehicle(kind) for kind in history.kinds]
         sizes = [body_size(history, i) for i in range(count)]

@@ -1,4 +1,4 @@
-"""The Kalman filter as a predictor: everybody keeps its velocity, with white acceleration.
+"""The Kalman filter as a predictor: nearly constant velocity, with white acceleration.
 
 Bar-Shalom, Li, Kirubarajan, "Estimation with Applications to Tracking and Navigation" (2001),
 section 6.2.2, continuous white noise acceleration.
@@ -18,7 +18,7 @@ from foresight_env.inverse.kalman import kalman_update
 
 @dataclass(frozen=True)
 class KalmanPredictor:
-    """Filters each agent's positions and velocities, and lets the filter run on."""
+    """Filters each agent's positions and velocities, and predicts with the filter."""
 
     name: str = "kalman"
     noise_std: float = 0.02
@@ -31,7 +31,7 @@ class KalmanPredictor:
     """And of vehicles'."""
 
     def predict(self, history: History, steps: int) -> Forecast:
-        """Where everybody will be, with covariances."""
+        """Return the forecast, with covariances."""
         found = [self._one(history, agent, steps) for agent in range(len(history.kinds))]
         places = np.stack([mean for mean, _ in found], axis=1)
         spread = np.stack([covariance for _, covariance in found], axis=1)

@@ -1,4 +1,4 @@
-"""Predictors that let everybody go on as it does."""
+"""Kinematic predictors: constant velocity, turn rate, acceleration."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ def turn_rate(history: History, agent: int) -> float:
 
 @dataclass(frozen=True)
 class ConstantVelocityPredictor:
-    """Straight on at the velocity that was seen last (Schoeller et al., RA-L 2020)."""
+    """Straight motion with the last observed velocity (Schoeller et al., RA-L 2020)."""
 
     name: str = "constant-velocity"
 
     def predict(self, history: History, steps: int) -> Forecast:
-        """Where everybody will be."""
+        """Return the forecast."""
         return single(_circles(history, steps, np.zeros(len(history.kinds))))
 
 
@@ -55,7 +55,7 @@ class ConstantTurnRatePredictor:
     name: str = "constant-turn-rate"
 
     def predict(self, history: History, steps: int) -> Forecast:
-        """Where everybody will be."""
+        """Return the forecast."""
         turns = [
             turn_rate(history, i) if is_vehicle(kind) else 0.0
             for i, kind in enumerate(history.kinds)
@@ -77,7 +77,7 @@ class ConstantTurnRateAccelerationPredictor:
     name: str = "constant-acceleration"
 
     def predict(self, history: History, steps: int) -> Forecast:
-        """Where everybody will be."""
+        """Return the forecast."""
         paths = []
         for i, kind in enumerate(history.kinds):
             rows = history.seen(i)
@@ -117,7 +117,7 @@ def _changing_arc(
 def _circles(
     history: History, steps: int, turns: Float[np.ndarray, "N"]
 ) -> Float[np.ndarray, "P N 2"]:
-    """Everybody on a circle (a line where the turn rate is 0) from where it was seen last."""
+    """Agents on circles (lines where the turn rate is 0) from their last observed positions."""
     paths = []
     for i, turn in enumerate(turns):
         last = history.seen(i)[-1]

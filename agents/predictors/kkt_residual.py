@@ -1,7 +1,7 @@
 """Inverse game by residual minimisation, as a predictor.
 
-Everybody's first-order conditions are written down at the trajectory that was seen, as if it were
-the equilibrium itself, and the parameters are chosen that violate them least (Awasthi and
+All agents' first-order conditions are written down at the observed trajectory, as if it were the
+equilibrium itself, and the parameters are chosen that violate them least (Awasthi and
 Lamperski, "Inverse differential games with mixed inequality constraints", ACC 2020; Rothfuss et
 al., "Inverse optimal control for identification in non-cooperative differential games", IFAC 2017).
 That needs no forward solve, but the whole state at every step, and noise enters as if it were
@@ -43,16 +43,16 @@ BARELY = 1e-6
 
 @dataclass(frozen=True)
 class KktResidualPredictor:
-    """Parameters of least residual; their equilibrium goes on from where everybody is."""
+    """Parameters of least residual; their equilibrium is the forecast."""
 
     name: str = "kkt-residual"
     residual_std: float = 0.3
     """Standard deviation that the derivatives of the costs by the controls are believed to have
-    (m/s^2, the scale of the cost of accelerations); the belief has weight beside it."""
+    (m/s^2, the scale of the cost of accelerations); the prior has weight beside it."""
     belief: EncounterBelief = EncounterBelief()
 
     def predict(self, history: History, steps: int) -> Forecast:
-        """Where everybody will be; constant velocity, marked so, where the game is not solved."""
+        """Return the forecast; constant velocity as a fallback where the game is not solved."""
         count = len(history.kinds)
         states = filled_states(history)
         found = [self._fit(history, states, i) for i in range(count)]
@@ -69,7 +69,7 @@ class KktResidualPredictor:
     def _fit(
         self, history: History, states: Float[np.ndarray, "K N 4"], agent: int
     ) -> Float[np.ndarray, "7"]:
-        """Discount factor, preferred, and the value of the last state (a costate) of one agent."""
+        """Discount factor, preferred motion and value of the last state (a costate) of an agent."""
         kind = history.kinds[agent]
         center, _ = self.belief.gamma(kind)
         preferred = np.asarray(preferred_motion(history, agent), dtype=float)

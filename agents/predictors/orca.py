@@ -1,9 +1,9 @@
 """Optimal reciprocal collision avoidance as a predictor.
 
-Van den Berg, Guy, Lin, Manocha, "Reciprocal n-body collision avoidance" (ISRR 2009): everybody
-takes the velocity nearest to the one it wants that, if all do their half, keeps it clear of the
+Van den Berg, Guy, Lin, Manocha, "Reciprocal n-body collision avoidance" (ISRR 2009): each agent
+takes the velocity nearest to its preferred one that, if all do their half, keeps it clear of the
 others for a while. Its velocities are one per step and it has no uncertainty. The packages that
-bind the authors' program bring a robot simulator with them, for what are a few half-planes here.
+bind the authors' program bring a robot simulator with them.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ HalfPlane = tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]
 
 @dataclass(frozen=True)
 class OrcaPredictor:
-    """People and vehicles as discs that share the work of keeping apart."""
+    """People and vehicles as discs that each do half of the avoidance."""
 
     name: str = "orca"
     time_horizon: float = 2.0
@@ -38,7 +38,7 @@ class OrcaPredictor:
     """The fastest that an agent would go, as a multiple of the speed that it wants."""
 
     def predict(self, history: History, steps: int) -> Forecast:
-        """Where everybody will be."""
+        """Return the forecast."""
         count = len(history.kinds)
         parts = max(1, int(np.ceil(history.dt / SUBSTEP)))
         dt = history.dt / parts
@@ -121,7 +121,7 @@ def nearest_velocity(
     """The velocity nearest to `wanted` in all half-planes and not faster than `limit`, m/s.
 
     It is `wanted` itself, or lies on one or two edges: all of these are tried. Where there is none,
-    the one whose worst half-plane is broken least.
+    the one that violates the worst half-plane least.
     """
     speed = float(np.linalg.norm(wanted))
     candidates = [wanted * min(1.0, limit / speed) if speed > 0.0 else wanted]
@@ -151,7 +151,7 @@ EDGES = 16
 
 
 def _least_broken(planes: list[HalfPlane], limit: float) -> Float[np.ndarray, "2"]:
-    """Of velocities up to `limit`, the one whose worst half-plane is broken least."""
+    """Of velocities up to `limit`, the one that violates the worst half-plane least."""
     angles = 2.0 * np.pi * np.arange(EDGES) / EDGES
     around = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     normals = np.stack([n for _, n in planes])

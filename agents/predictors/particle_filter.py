@@ -1,11 +1,10 @@
-"""A particle filter over discount factors and wishes, as a predictor.
+"""Particle filter over discount factors and preferred motion, as a predictor.
 
-What an inverse game does by optimisation is done by guessing many parameters and keeping those
-whose equilibria predict what is seen next (sequential importance resampling: Gordon, Salmond,
-Smith, 1993; for games: Peters et al., "Inference-based strategy alignment for general-sum
-differential games", AAMAS 2020). Each agent's particles are weighted and resampled by themselves:
-jointly, some dozens of them would be lost in a dozen dimensions (Ng, Peshkin, Pfeffer, "Factored
-particles for scalable monitoring", UAI 2002).
+Particles are parameters; those whose equilibria predict the next observations are kept (sequential
+importance resampling: Gordon, Salmond, Smith, 1993; for games: Peters et al., "Inference-based
+strategy alignment for general-sum differential games", AAMAS 2020). Each agent's particles are
+weighted and resampled by themselves: jointly, some dozens of them would be lost in a dozen
+dimensions (Ng, Peshkin, Pfeffer, "Factored particles for scalable monitoring", UAI 2002).
 """
 
 from __future__ import annotations
@@ -34,7 +33,7 @@ from foresight_env.scenarios.encounter import (
 
 
 class _Particles(NamedTuple):
-    """Guesses of everybody's parameters."""
+    """Particles of all agents' parameters."""
 
     gamma: Float[np.ndarray, "B N"]
     preferred: Float[np.ndarray, "B N 2"]
@@ -49,13 +48,13 @@ class ParticleFilterPredictor:
     noise_std: float = 0.1
     """Standard deviation of what is seen from what a particle predicts for it (m, m/s, rad)."""
     jitter: float = 0.2
-    """By how much of the belief's deviations resampled particles are moved: without it all would
+    """By how much of the prior's deviations resampled particles are moved: without it all would
     soon be copies of a few."""
     belief: EncounterBelief = EncounterBelief()
     seed: int = 0
 
     def predict(self, history: History, steps: int) -> Forecast:
-        """Where everybody will be; constant velocity, marked so, where no game is solved."""
+        """Return the forecast; constant velocity as a fallback where no game is solved."""
         random = np.random.default_rng(self.seed)
         states = filled_states(history)
         seen = ~np.isnan(history.states).any(axis=2)
@@ -87,14 +86,14 @@ class ParticleFilterPredictor:
     def _beliefs(
         self, history: History
     ) -> tuple[Float[np.ndarray, "N"], Float[np.ndarray, "N"], Float[np.ndarray, "N 2"]]:
-        """Centres and deviations of discount factors, deviations of wishes."""
+        """Centres and deviations of discount factors, deviations of preferred motion."""
         centers = [self.belief.gamma(kind)[0] for kind in history.kinds]
         deviations = [self.belief.gamma_deviation(kind) for kind in history.kinds]
         wishes = np.stack([self.belief.wish_deviation(kind) for kind in history.kinds])
         return np.array(centers), np.array(deviations), wishes
 
     def _drawn(self, history: History, random: np.random.Generator) -> _Particles:
-        """Particles of the belief."""
+        """Particles of the prior."""
         center, deviation, spread = self._beliefs(history)
         count = len(history.kinds)
         preferred = np.stack([preferred_motion(history, i) for i in range(count)])

@@ -1,8 +1,8 @@
 """The social force model as a predictor.
 
 Helbing and Molnar, "Social force model for pedestrian dynamics", Physical Review E 51 (1995):
-people accelerate towards the velocity that they want, and away from others who would soon be where
-they are. Vehicles keep their speed and turn rate, and push people away as people do, from their
+people accelerate towards their preferred velocity, and away from others who would soon be near
+them. Vehicles keep their speed and turn rate, and push people away as people do, from their
 outline.
 The packages that offer it bring Numba or a building simulator's graphics with them.
 """
@@ -45,7 +45,7 @@ class SocialForcePredictor:
     """The fastest that people go, as a multiple of the speed that they want."""
 
     def predict(self, history: History, steps: int) -> Forecast:
-        """Where everybody will be."""
+        """Return the forecast."""
         parts = max(1, int(np.ceil(history.dt / SUBSTEP)))
         dt = history.dt / parts
         places, wanted = wanted_velocities(history, steps * parts + 1, dt)

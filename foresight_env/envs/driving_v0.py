@@ -1,4 +1,4 @@
-"""Version 0 of driving under PettingZoo's names; module `driving` is its page."""
+"""Version 0 of driving under PettingZoo's names; `driving.env` has its page."""
 
 from typing import Any
 

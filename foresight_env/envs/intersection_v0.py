@@ -1,4 +1,4 @@
-"""Version 0 of the intersection under PettingZoo's names; module `intersection` is its page."""
+"""Version 0 of the intersection under PettingZoo's names; `intersection.env` has its page."""
 
 from typing import Any
 

@@ -115,7 +115,7 @@ class Budget:
     leads."""
     fits: int = 3
     """Most fits of an estimator's update: from the last one, from the observations, and from the
-    last one again where the observations led nowhere better."""
+    last one again where the fit from the observations is not better."""
 
     def __post_init__(self) -> None:
         least = {"phases": 1, "newton_steps": 1, "trial_newton_steps": 1, "fits": 1}

@@ -112,7 +112,7 @@ def to_solution(layout: Layout, raw: Equilibrium, parameters: Parameters) -> Sol
 
 
 class Kind(IntEnum):
-    """What a concrete call starts from; one compiled program serves all of them."""
+    """Kind of start of a concrete call; one compiled program serves all of them."""
 
     COLD = 0
     CONTROLS = 1

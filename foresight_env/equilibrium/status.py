@@ -20,7 +20,7 @@ class Status(IntEnum):
 
     @property
     def remedy(self) -> str:
-        """What to try."""
+        """Recommended remedy."""
         return {
             Status.SOLVED: "nothing to mend",
             Status.ITERATION_LIMIT: (

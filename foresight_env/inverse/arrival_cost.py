@@ -1,4 +1,4 @@
-"""Arrival cost of the moving-horizon estimator: what observations before the window have taught.
+"""Arrival cost of the moving-horizon estimator: the posterior of observations before the window.
 
 It is the posterior of the fit that ended with the observation before the window's first, its state
 carried to the window's first stage and widened by `ProcessNoise`. No observation counts twice, and

@@ -1,4 +1,4 @@
-"""The Cramer-Rao bound: how well any unbiased estimator could do."""
+"""The Cramer-Rao bound: smallest covariance of any unbiased estimator."""
 
 from __future__ import annotations
 

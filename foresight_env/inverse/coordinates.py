@@ -1,4 +1,4 @@
-"""Which parameters are estimated, as one vector."""
+"""Vector of the parameters that may be estimated."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from foresight_env.precision import is_traced
 
 @dataclass(frozen=True)
 class Free:
-    """What is estimated of one player; everything else stays as given."""
+    """Parameters of one player that are estimated; all others stay as given."""
 
     theta: tuple[str, ...] = ("goal",)
     """Entries of the player's `theta`."""

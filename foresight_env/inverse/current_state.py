@@ -1,4 +1,4 @@
-"""Where everybody is now: what the last fit says, corrected by the newest observation."""
+"""Present state of all players: the last fit, corrected by the newest observation."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from foresight_env.inverse.kalman import kalman_update
 def _expected(
     layout: Layout, model: ObservationModel, state: Float[Array, "n"]
 ) -> tuple[Float[Array, "size"], Float[Array, "size n"]]:
-    """What would be seen, and its derivative."""
+    """Expected observation and its derivative."""
 
     def seen(x: Array) -> Array:
         return model(layout.split_states(x))

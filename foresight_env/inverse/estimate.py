@@ -199,7 +199,7 @@ def estimate(
         gamma: discount factors: fixed, or where to start; the gamma = 1 baseline fixes them at 1.
         free: what is estimated, for all players or per player.
         covariance: of the noise: a number (variance), (size, size) or (K, size, size).
-        prior: beliefs before the data.
+        prior: prior of the parameters.
         method: `GaussNewton()` (default) or `GradientDescent(rate)`, the paper's Algorithm 1.
         starts: multi-start settings; `MultiStart(1)` uses the caller's start alone.
         profile: find intervals of the discount factors by profile likelihood (always by

@@ -25,7 +25,7 @@ from foresight_env.inverse.coordinates import Coordinates
 
 
 class Data(NamedTuple):
-    """What was seen, and what was believed before."""
+    """Observations and prior."""
 
     values: Float[AnyArray, "K size"]
     """Observations of `x_1..x_K`; missing entries hold 0."""
@@ -138,13 +138,13 @@ def solution_jacobian(
 
 
 def extrapolated(fit: Fit, values: Float[Array, "p"]) -> Iterate:
-    """Where the solution at `values` lies to first order: the start of its solve."""
+    """Return the solution at `values` to first order: the start of its solve."""
     step = values - fit.values
     return jax.tree.map(lambda v, r: v + jnp.tensordot(step, r, 1), fit.point, fit.rates)
 
 
 def continued(start: Start, point: Iterate, solves: Int[Array, ""]) -> Start:
-    """Where a search that began at `start` goes on: near a solution after the first solve."""
+    """Return the next start of a search: warm after the first solve."""
     warm = solves > 0
     warm = warm if start.warm is None else warm | start.warm
     return Start(point, warm, limits=start.limits)

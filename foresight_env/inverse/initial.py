@@ -1,4 +1,4 @@
-"""A first initial guess of the state from the first observations, for starting an estimate."""
+"""Initial guess of the state from the first observations."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from foresight_env.games.observations import ObservationModel
 
 
 class NeverSeenError(ValueError):
-    """Some agent has not a single observation."""
+    """An agent has no observation."""
 
 
 def guess_initial_state(

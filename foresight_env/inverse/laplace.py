@@ -1,4 +1,4 @@
-"""Gaussian uncertainty around a fit, and which parameters the data say anything about."""
+"""Laplace covariance of a fit, and which parameters are identifiable."""
 
 from __future__ import annotations
 

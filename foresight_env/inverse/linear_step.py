@@ -1,4 +1,4 @@
-"""The step that an earlier fit's derivatives suggest once there are new observations.
+"""Linear step of the parameters to new observations, by an earlier fit's derivatives.
 
 As in an extended Kalman filter, but on the whole window: observations and prior are linear in the
 change of the parameters, so the step costs no game.
@@ -19,7 +19,7 @@ from foresight_env.inverse.gauss_newton import SETTINGS, damped_step
 
 
 class Rates(NamedTuple):
-    """Derivatives of an earlier fit, moved to the window of now, by its f free parameters."""
+    """Derivatives of an earlier fit, moved to the present window, by its f free parameters."""
 
     states: Float[AnyArray, "stages n f"]
     """Of its joint trajectory."""

@@ -1,7 +1,7 @@
 """Moving-horizon estimation of game parameters with an arrival cost.
 
 Each update fits the game to the last `window` observations. Everything before the window enters as
-an arrival cost (module `arrival_cost`). Module `update_phases` has where an update's fits begin.
+an arrival cost (module `arrival_cost`). Module `update_phases` has the phases of updates.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from foresight_env.inverse.window_fit import WindowFit, moved_along, rates_of
 
 @dataclass(frozen=True)
 class DoubtSettings:
-    """When another equilibrium is looked for; `benchmarks.online` derives the numbers."""
+    """Thresholds of the search for another equilibrium; `benchmarks.online` derives the numbers."""
 
     plausible: float = 1.5
     """Reduced chi-squared up to which none is: of 30 degrees of freedom, noise alone leaves more
@@ -148,7 +148,7 @@ class MovingHorizonEstimator:
     """Of fits that take more than one game."""
 
     def init(self, theta: Sequence[Theta], gamma: Any) -> MovingHorizonState:
-        """Nothing seen yet; `theta` and `gamma` are fixed values or first guesses."""
+        """Return the first state; `theta` and `gamma` are fixed values or first guesses."""
         count = len(self.game.players)
         each = (self.free,) * count if isinstance(self.free, Free) else self.free
         if len(each) != count:
@@ -173,7 +173,7 @@ class MovingHorizonEstimator:
     def update(
         self, state: MovingHorizonState, observation: Float[np.ndarray, "size"]
     ) -> MovingHorizonState:
-        """Take one observation (NaN where missing); never worse than keeping the last estimate."""
+        """Return the state after one observation (NaN where missing)."""
         if np.shape(observation) != (self.model.size,):
             raise ValueError(
                 f"observation: has shape {np.shape(observation)}; expected ({self.model.size},), "
@@ -225,7 +225,7 @@ class MovingHorizonEstimator:
         """Take the better one of a fit from the last solution and one from the observations.
 
         A game may have several equilibria. The last one is where the present one is expected; where
-        it explains the observations no longer, or never did well, they may come from another.
+        it no longer explains the observations, or never did well, they may come from another.
         """
         found, abandoned, spent = None, False, 0
         if last is not None and state.phase is UpdatePhase.TRACKING:
@@ -325,7 +325,7 @@ class MovingHorizonEstimator:
         return state._replace(
             estimate=old,
             beliefs=self._remember(state, belief),
-            # The newest observation is not in it, and it is the less sure the older it is.
+            # The newest observation is not in it, and its variance grows.
             present=self._present(
                 state, old, state.reduced_chi_squared, self.process_noise.state**2
             ),
@@ -343,7 +343,7 @@ class MovingHorizonEstimator:
         return inside_bounds(self.game, states)
 
     def _remember(self, state: MovingHorizonState, belief: Belief) -> tuple[Belief, ...]:
-        """Beliefs that windows to come may begin with."""
+        """Beliefs that later windows may begin with."""
         start = state.total - len(state.observations)
         return (*(b for b in state.beliefs if b.stage > start), belief)
 

@@ -1,4 +1,4 @@
-"""Local fits from several starts: the landscape has local minima and flat valleys."""
+"""Local fits from several starts: the objective has local minima and flat valleys."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from foresight_env.inverse.gradient_descent import GradientDescent
 
 @dataclass(frozen=True)
 class MultiStart:
-    """Local fits from several starts; the best one wins.
+    """Local fits from several starts; the best one is kept.
 
     The landscape has local minima and flat valleys: from one random start 2 to 5 fits of 8 find the
     best minimum. The first start is the caller's; the others take discount factors from a

@@ -1,4 +1,4 @@
-"""Beliefs about parameters before the data, as quadratic terms of the objective."""
+"""Prior of the parameters, as quadratic terms of the objective."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from foresight_env.inverse.coordinates import Coordinates
 class Prior:
     """`gamma_weight * ||gamma - gamma_center||^2` (paper, section VI-E), a Gaussian on the rest.
 
-    `gamma_center` = 1 believes in farsighted players, 0 in short-sighted ones. `mean` and
+    `gamma_center` is the centre of the discount factors' prior: 1 far-sighted, 0 myopic. `mean` and
     `information` (p,), (p, p), over all free parameters in the order of `Estimate.parameters`, add
     a Gaussian belief: an earlier estimate's `values` and the inverse of its `covariance`.
     """

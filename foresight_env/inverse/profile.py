@@ -3,7 +3,7 @@
 Equilibria are piecewise smooth in their parameters: which bounds and collision terms are active
 changes within the noise, and with it how much the data say. The Laplace approximation knows one
 piece only; a profile walks over all of them. For each value of a discount factor every other
-parameter is fitted anew; the interval is where the objective stays below its minimum plus a
+parameter is fitted again; the interval is where the objective stays below its minimum plus a
 quantile of the chi-squared distribution with one degree of freedom (Venzon and Moolgavkar, Applied
 Statistics 37, 1988). A clearly better minimum that is met on the way becomes the estimate.
 """

@@ -1,4 +1,4 @@
-"""A trajectory near the observations, as the place where equilibria are looked for.
+"""Tracking start: a trajectory near the observations, from which equilibria are searched.
 
 A game may have several equilibria (who goes first); the observations say which one was played. The
 trajectory that follows them best at little effort is itself the equilibrium of a game in which all
@@ -36,7 +36,7 @@ class _TrackingError:
 
 @lru_cache(maxsize=64)
 def tracking_game(game: Game, model: ObservationModel) -> Game:
-    """Everybody follows the observations; bounds stay, everything else goes."""
+    """Game in which all players follow the observations, with bounds but no constraints."""
     players = tuple(
         replace(
             p,
@@ -51,7 +51,7 @@ def tracking_game(game: Game, model: ObservationModel) -> Game:
 
 
 EFFORT = 0.1
-"""Price of a squared control unit beside a squared standard deviation of tracking error."""
+"""Price of a squared control unit relative to a squared standard deviation of tracking error."""
 
 
 def track(problem: Problem, data: Data, parameters: Parameters) -> Float[Array, "T m"]:

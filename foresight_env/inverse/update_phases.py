@@ -6,7 +6,7 @@ from enum import Enum
 
 
 class UpdatePhase(Enum):
-    """How the next update fits."""
+    """Phase of the estimator: how the next update fits."""
 
     WAITING = "waiting"
     """Too few observations for a fit."""
@@ -22,7 +22,7 @@ class UpdatePhase(Enum):
 
 
 class UpdateEvent(Enum):
-    """What an update ended with."""
+    """Outcome of an update."""
 
     NO_DATA = "no data"
     """Fewer than two observations, or an agent that was never seen."""

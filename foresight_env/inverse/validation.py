@@ -1,4 +1,4 @@
-"""What observations and starts must be like, checked before anything is computed."""
+"""Checks of observations and starts, before anything is computed."""
 
 from __future__ import annotations
 

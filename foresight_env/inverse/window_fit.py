@@ -25,7 +25,7 @@ from foresight_env.inverse.prior import Prior
 
 @dataclass(frozen=True, eq=False)
 class WindowFit:
-    """What was seen and believed, and where searches start."""
+    """Observations and prior of a window, and starts of its fits."""
 
     game: Game
     model: ObservationModel

@@ -1,4 +1,4 @@
-"""One episode's hidden truth, in whatever scenario."""
+"""Parameters of one episode, in any scenario."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 
 class EpisodeParameters(NamedTuple):
-    """Where everybody begins, what everybody wants and how far ahead everybody looks."""
+    """Initial states, cost parameters and discount factors of all agents."""
 
     initial_state: Float[np.ndarray, "N 4"]
     theta: tuple[dict[str, Any], ...]

@@ -12,8 +12,8 @@
 
 N pedestrians walk to goals opposite of them and keep apart on the way. Pedestrian i weighs what it
 pays t steps ahead with `gamma_i ** t`: the smaller its discount factor, the later it reacts. The
-user controls some of them; the others play an equilibrium of the game between all. Nobody is told
-the discount factors, goals and weights of the others.
+user controls some of them; the others play an equilibrium of the game between all. The
+discount factors, goals and weights of the others are hidden.
 
 **Motion.** Double integrator, 0.1 s per step: an action is held constant over the step. No velocity
 exceeds 0.8 m/s per axis: the applied control is the nearest that keeps the next velocity inside.
@@ -45,11 +45,12 @@ within 0.25 m of its goal at the end of a step. Truncated: `max_steps` without e
 **Arguments.**
 
 - `players=2`: number of pedestrians, 2 to 6.
-- `controlled=(0,)`: indices of those that the user controls; `None` or `"all"` for everybody.
+- `controlled=(0,)`: indices of those that the user controls; `None` or `"all"` for all of them.
 - `behaviour="receding"`: what the others do. `"receding"` solves the game of all players, true
   parameters and true states, at every step; `"open_loop"` solves it once, over `max_steps` stages,
   and follows that plan. When a solve fails, the previous plan is followed;
-  without one, the others brake to rest. Or a factory of a behaviour of one's own (module `oracle`).
+  without one, the others brake to rest. Or a factory of a custom behaviour (module
+  `core.behaviours`).
 - `observation="full"`: or `"positions"`.
 - `noise_std=0.05`: standard deviation of the noise of every observed coordinate, m and m/s.
 - `proximity="soft"`: how pedestrians keep apart (`scenarios.crosswalk.crosswalk_game`).
@@ -65,7 +66,7 @@ Without a seed, `reset` continues the stream of the last one; an episode does no
 the ones before it took.
 
 **Information** of each agent, and the only place of ground truth: `state` (N, 4), `gamma` (N,),
-`theta` (`goal` (N, 2) and weights (N,)), `controls` (N, 2) applied by everybody in the last step,
+`theta` (`goal` (N, 2) and weights (N,)), `controls` (N, 2) applied by all agents in the last step,
 `applied_action` (2,) of this agent, `min_distance` (m; its smallest centre distance so far minus
 0.5 m), `collision` (of this agent), `off_road` (never, here), `goal_reached`, `is_success` (goal
 reached, no collision), `solver_status` (`equilibrium.Status`; -1 while nothing was solved),

@@ -1,4 +1,4 @@
-"""What the others do in many crosswalks: the oracles of module `oracle`, all games in one batch."""
+"""Behaviours of module `core.behaviours` for many crosswalks, all games in one batch."""
 
 from __future__ import annotations
 

@@ -63,7 +63,7 @@ without any of these. Afterwards `agents` is empty and `step` raises `gymnasium.
   parameters and true states, at every step; `"open_loop"` solves it once, over `max_steps` stages,
   and follows that plan; when a solve fails, the previous plan is followed, and without one they
   brake. `"idm"`: highway-env's IDM and MOBIL, which see who is ahead on their lane and no crossing
-  traffic. Or a factory of a behaviour of one's own (module `oracle`; `drivers.RecordedDrivers`
+  traffic. Or a factory of a custom behaviour (module `core.behaviours`; `drivers.RecordedDrivers`
   follows tracks). Or a tuple with one of these per car.
 - `observation="full"`: or `"positions"`.
 - `noise_std=0.1`: standard deviation of the noise of every observed coordinate, m, m/s and rad.

@@ -15,7 +15,7 @@ Two people finish crossing the western arm, a car turns into that arm, another d
 behind it: the published episode. With more agents two people come the other way, a car
 comes from the south and one from the west. Player i weighs what it pays t steps ahead with `gamma_i
 ** t`. The user controls some of them; the others play an equilibrium of the game between all
-(`scenarios.junction`). Nobody is told the discount factors, goals and weights of the others.
+(`scenarios.junction`). The discount factors, goals and weights of the others are hidden.
 
 **Motion.** 0.24 s per step, as in the recording. Pedestrians are double integrators with at most
 3 m/s per axis. Cars are kinematic bicycles (forward Euler, wheelbase 2.7 m) that drive at 0 to 20
@@ -60,7 +60,8 @@ Afterwards `agents` is empty and `step` raises `gymnasium.error.ResetNeeded`.
 - `behaviour="receding"`: what the others do. `"receding"` solves the game of all players, true
   parameters and true states, at every step; `"open_loop"` solves it once, over `max_steps` stages,
   and follows that plan. When a solve fails, the previous plan is followed;
-  without one, the others brake to rest. Or a factory of a behaviour of one's own (module `oracle`).
+  without one, the others brake to rest. Or a factory of a custom behaviour (module
+  `core.behaviours`).
 - `observation="full"`: or `"positions"`.
 - `noise_std=0.05`: standard deviation of the noise of every observed coordinate, m, m/s and rad.
 - `ranges=JunctionRanges()`: from where an episode's hidden parameters are drawn, uniformly.

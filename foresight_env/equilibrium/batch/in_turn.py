@@ -1,7 +1,7 @@
 """Many games one after the other, in one program.
 
-A step of a single game does what this game needs (local or along the path, one right-hand side or
-two); steps of several games together do all of it for each.
+A step of a single game does what this game needs (semismooth or interior-point, one right-hand
+side or two); steps of several games together do all of it for each.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Many games at once: shared out among threads, which solve theirs in turn or in batch slots."""
+"""Many games at once: threads share them and solve theirs in turn or in batch slots."""
 
 from __future__ import annotations
 

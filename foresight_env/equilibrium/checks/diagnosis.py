@@ -1,4 +1,4 @@
-"""Why a solve could not even begin: the functions that are not finite where it starts."""
+"""Diagnosis of a solve that cannot begin: the functions that are not finite at its start."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def check_start_is_finite(
 ) -> None:
     """Raise `ValueError` naming a function whose value or derivatives are NaN or infinite.
 
-    Looked at is the trajectory that a solve begins with: nobody acts, or the initial guess.
+    At the trajectory that a solve begins with: zero controls, or the initial guess.
     """
     if initial_guess is not None and not all(
         np.isfinite(v).all() for v in jax.tree.leaves(initial_guess)

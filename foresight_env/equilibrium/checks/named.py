@@ -1,4 +1,4 @@
-"""A game's functions under the names by which messages call them."""
+"""Names of a game's functions in error messages."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from foresight_env.games.game import Game
 
 
 class Part(NamedTuple):
-    """One of the functions that a user has written."""
+    """One function of a game: dynamics, cost or constraint."""
 
     name: str
     """Place in the game and the function's own name: `players[0].costs[1] (Effort)`."""
     function: Callable[..., Any]
-    """Of stage, everybody's states and controls, everybody's theta; for dynamics the states are
+    """Of stage, all players' states and controls, all players' theta; for dynamics the states are
     those that the stage starts from, else those that it leads to."""
     shape: tuple[int, ...]
-    """What it must return."""
+    """Required kind of result."""
     before: bool = False
     """Whether it is a function of the states that a stage starts from (dynamics)."""
     rows: bool = False

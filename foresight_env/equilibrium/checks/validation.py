@@ -1,4 +1,4 @@
-"""Checks of what a user hands to a solver, before anything is computed."""
+"""Checks of a solver's arguments, before anything is computed."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Curvature of nonlinear dynamics: second derivatives of `q' f(x, u)`.
 
-Far from a solution only its positive part is used (module `convexity`); without any of it, nothing
-tells the method how steering acts on the heading.
+Far from a solution only its positive part is used (module `newton.convexification`); without any of
+it, Newton steps ignore how steering acts on the heading.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from foresight_env.equilibrium.linear_algebra.small_matrices import matrix_produ
 from foresight_env.games.types import Scalar
 
 SIGN_STEPS = 10
-"""Newton-Schulz steps: eigenvalues above a twentieth of the matrix norm are told apart by sign."""
+"""Newton-Schulz steps: eigenvalues above a twentieth of the matrix norm get their sign."""
 
 
 def dynamics_hessian(
@@ -37,7 +37,8 @@ def dynamics_hessian(
 ) -> Float[Array, "T w w"] | None:
     """Second derivatives of `q_t' f(t, x_t, u_t)` by `(x_t, u_t)`; None for linear dynamics.
 
-    `convexity`: how much of each player's negative part is left out, in [0, 1] (None: nothing).
+    `convexity`: the convexification weight, the part of each player's negative curvature that is
+    left out, in [0, 1] (None: nothing).
     """
     if layout.linear:
         return None
@@ -90,7 +91,7 @@ def positive_part(matrix: Float[Array, "*b k k"]) -> Float[Array, "*b k k"]:
 
     The sign is found by Newton and Schulz's iteration (Higham, "Functions of Matrices", section
     5.3), which needs products only; LAPACK's batched calls from two threads at once make jaxlib
-    (0.10) wait for ever.
+    (0.10) hang.
     """
     size = jnp.sqrt(jnp.sum(matrix**2, axis=(-2, -1), keepdims=True))
     begin = matrix / jnp.where(size > 0.0, size, 1.0)

@@ -1,9 +1,9 @@
-"""Neighbouring players that are alike: evaluated side by side, as the first of them.
+"""Identical neighbouring players, evaluated together (vmapped) as the first of them.
 
-XLA's time for a small game, to compile it and to run it, is by the number of its operations. So
-costs and constraints that know players only by their role (`games.anonymous`) are evaluated once,
-along an axis of such players, each of whom stands in the first one's place of a reordered stage
-vector; dynamics, which know of nobody else, along an axis of players that move alike.
+XLA's time for a small game, to compile it and to run it, is proportional to the number of its
+operations. So costs and constraints that do not depend on players' numbers (`games.permutation`)
+are evaluated once, along an axis of such players, each in the first one's place of a reordered
+stage vector; dynamics, which depend on no other player, along an axis of players with equal ones.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from foresight_env.games.types import ConstraintFunction, CostFunction, Theta
 
 
 class Peers(NamedTuple):
-    """A run of players and what they have in common: costs and constraints."""
+    """A run of identical players with their common costs and constraints."""
 
     members: range
     costs: tuple[CostFunction, ...]
@@ -37,9 +37,9 @@ class Peers(NamedTuple):
     rows: Int[np.ndarray, "G R"]
     """Numbers of each member's constraint rows."""
     view: Int[np.ndarray, "G w"]
-    """Entries of `w` with the member in the first one's place, everybody else in their order."""
+    """Entries of `w` with the member in the first one's place, all others in their order."""
     back: Int[np.ndarray, "G w"]
-    """Where the entries of `w` are in that view."""
+    """Places of the entries of `w` in that view."""
 
     @property
     def first(self) -> int:
@@ -48,9 +48,9 @@ class Peers(NamedTuple):
 
 
 def peers_of(layout: Layout, thetas: tuple[Theta, ...]) -> tuple[Peers, ...]:
-    """Every cost and every constraint of a player once, with those who share it.
+    """Return every cost and constraint once, with the identical players that have it.
 
-    Side by side stand neighbours with parameters of the same shapes.
+    Identical players are neighbours with parameters of the same shapes.
     """
     shapes = tuple(
         (jax.tree.structure(theta), tuple(np.shape(v) for v in jax.tree.leaves(theta)))
@@ -107,7 +107,7 @@ class _Part(NamedTuple):
     kind: str
     what: Any
     copy: int
-    """Tells equal parts of one player from each other."""
+    """Number of this part among equal ones of one player."""
 
     @property
     def function(self) -> Any:
@@ -209,7 +209,7 @@ def apart(
 def inputs_of(
     layout: Layout, x: Float[Array, "*T n"], u: Float[Array, "*T m"], members: range
 ) -> Float[Array, "*T G k"]:
-    """What the members' dynamics are given: each one's state, then its control."""
+    """Inputs of the members' dynamics: each one's state, then its control."""
     states, controls = layout.state_slices, layout.control_slices
     return jnp.concatenate([apart(x, states, members), apart(u, controls, members)], axis=-1)
 

@@ -1,4 +1,4 @@
-"""What the first-order conditions of a game are written in (paper, eqs. 4 and 5).
+"""Variables of a game's first-order conditions (paper, eqs. 4 and 5).
 
 Current-value form. Player i's stationarity at stage t is divided by `Gamma^i(t)`, so its costate
 `q` (of its own state; other players' states are not its decision) and its multipliers count in
@@ -24,7 +24,7 @@ from foresight_env.games.types import AnyArray, Theta
 
 
 class Parameters(NamedTuple):
-    """What a game's equilibrium depends on."""
+    """Parameters of a game's equilibrium."""
 
     initial_state: Float[AnyArray, "n"]
     """Joint state at t = 1."""

@@ -1,4 +1,4 @@
-"""Where each player's numbers sit in the joint vectors.
+"""Layout of a game's joint vectors: each player's slices and constraint rows.
 
 One stage has the joint vector `w = (x^1, ..., x^N, u^1, ..., u^N)`: the states that the stage leads
 to, then its controls. Constraint rows of one stage are stacked: own inequalities and equalities
@@ -38,7 +38,7 @@ class Layout:
 
     @cached_property
     def linear(self) -> bool:
-        """Whether everybody's dynamics are linear."""
+        """Whether all dynamics are linear."""
         return all(p.dynamics.linear for p in self.game.players)
 
     @cached_property
@@ -70,12 +70,12 @@ class Layout:
 
     @cached_property
     def state_slices(self) -> tuple[slice, ...]:
-        """Where each player's state sits in the joint state."""
+        """Slice of each player's state in the joint state."""
         return _slices(self.game.state_sizes)
 
     @cached_property
     def control_slices(self) -> tuple[slice, ...]:
-        """Where each player's control sits in the joint control."""
+        """Slice of each player's control in the joint control."""
         return _slices(self.game.control_sizes)
 
     def split_states(self, x: Float[Array, "n"]) -> States:
@@ -136,7 +136,7 @@ class Layout:
 
     @cached_property
     def pair_count(self) -> int:
-        """Columns of slacks and multipliers; module `pairs` says what they hold."""
+        """Columns of slacks and multipliers, as in module `pairs`."""
         return 2 * (self.n + self.m + len(self.rows))
 
     def constraint_values(

@@ -1,6 +1,6 @@
-"""Derivatives of all that a game's first-order conditions consist of, per stage.
+"""Linearisation of a game's first-order conditions, per stage.
 
-Players that are alike are evaluated side by side (module `peers`).
+Identical players are evaluated together (module `identical_players`).
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class Linearisation(NamedTuple):
     gradient: Float[Array, "T w"]
     """Each player's Lagrangian differentiated by its own part of `w`, without costates."""
     hessian: Float[Array, "T w w"]
-    """Rows: a player's own part; columns: everybody's. NaN where it was not asked for."""
+    """Rows: a player's own part; columns: all players'. NaN where it was not requested."""
     a: Float[Array, "T n n"]
     b: Float[Array, "T n m"]
     defect: Float[Array, "T n"]
@@ -71,7 +71,7 @@ def _stage_cost(
     theta: Theta,
     convexity: Scalar | None,
 ) -> Scalar:
-    """A cost whose second derivatives at `at` are `convexity` parts Gauss-Newton, rest exact."""
+    """A cost, its second derivatives at `at` Gauss-Newton by `convexity` parts, else exact."""
     if not isinstance(cost, Composite):
         return jnp.asarray(cost(i, t, *now, theta))
 
@@ -131,9 +131,9 @@ def linearise(
 ) -> Linearisation:
     """Derivatives of all stages at `point`.
 
-    `convexity` = 1 drops the curvature of proximity terms and constraints (every player's
-    own problem is then convex when its costs are); 0 is Newton's exact matrix; None: there is no
-    `hessian`, which is most of the work.
+    `convexity` is the convexification weight: 1 drops the curvature of proximity terms and
+    constraints (every player's own problem is then convex when its costs are), 0 is Newton's exact
+    matrix; None: there is no `hessian`, which is most of the work.
     """
     game = layout.game
     theta = parameters.theta
@@ -186,16 +186,16 @@ def linearise(
         return jnp.concatenate([x[these.first], u[these.first]]), returned(these, rows, back)
 
     def own_rows(these, t, w, own, back):
-        """A peer's constraint rows (own,) and their Jacobian (own, w)."""
+        """A player's constraint rows (own,) and their Jacobian (own, w)."""
         jacobian, values = _with_jacobian(lambda v: _rows(these, t, layout.split(v), own), w)
         return values, returned(these, jacobian, back)
 
     def returned(these, columns, back):
-        """From a peer's view of the stage vector to the vector itself; who is alone sees that."""
+        """From a player's view of the stage vector to the vector itself."""
         return columns if len(these.members) == 1 else columns[:, back]
 
     def shared_part(t, w, price):
-        """What shared rows, at everybody's own prices (shared, w), add to each player's part."""
+        """Parts of shared rows, at each player's own prices (shared, w)."""
 
         def rows(v):
             return layout.shared_values(t, v, theta)

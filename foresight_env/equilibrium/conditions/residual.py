@@ -53,7 +53,7 @@ def evaluate(
 ) -> Evaluation:
     """Derivatives and residuals at `point`, with products of `barrier` in mind.
 
-    `convexity`: see `linearise`.
+    `convexity`: the convexification weight, see `linearise`.
     """
     lin = linearise(layout, point, parameters, convexity)
     q = costates(lin, layout.n)
@@ -68,7 +68,7 @@ def evaluate(
         - jnp.where(pairs.equality, 0.0, slack.row)
         + jnp.where(pairs.elastic, slack.excess, 0.0),
     )
-    # Negative slacks and multipliers, which local steps pass through, solve nothing.
+    # Semismooth steps pass through negative slacks and multipliers, which are no solution.
     products = jnp.maximum(point.slack, 0.0) * jnp.maximum(point.mult, 0.0)
     off_path = jnp.where(pairs.exists, barrier - products, 0.0)
     return Evaluation(

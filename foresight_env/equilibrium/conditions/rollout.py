@@ -1,4 +1,4 @@
-"""States that controls lead to, open loop and with a Newton step's own feedback."""
+"""Rollouts of controls: open loop, and with a Newton step's own feedback."""
 
 from __future__ import annotations
 
@@ -46,10 +46,10 @@ def feedback_rollout(
     gain: Float[Array, "T m n"],
     length: Float[Array, ""],
 ) -> tuple[Float[Array, "T n"], Float[Array, "T m"]]:
-    """States and controls after a step of a Newton method, by driving it.
+    """Return states and controls after the closed-loop rollout of a Newton step.
 
     The step says `du = gain dx + k`. Along the nonlinear dynamics states differ from the linear
-    `x + dx`; the gain answers to where they really are, as in differential dynamic programming
+    `x + dx`; the gain corrects for the difference, as in differential dynamic programming
     (Jacobson and Mayne, 1970). Controls stay within their bounds.
     """
     before = jnp.concatenate([jnp.zeros_like(dx[:1]), dx[:-1]])

@@ -23,7 +23,7 @@ LARGE_PIVOT = 16
 
 
 class MatrixRecursion(NamedTuple):
-    """What the backward matrix recursion leaves behind, per stage."""
+    """Result of the backward matrix recursion, per stage."""
 
     value: Float[Array, "T n n"]
     gain: Float[Array, "T m n"]

@@ -35,7 +35,7 @@ class StageSystem(NamedTuple):
 
 
 class Factor(NamedTuple):
-    """What vector solves reuse."""
+    """Factorisation that vector solves reuse."""
 
     gain: Float[Array, "T m n"]
     """K."""

@@ -1,4 +1,4 @@
-"""Products with matrices of everybody's dynamics, in which nobody moves anybody else.
+"""Products with the joint dynamics' matrices, which are block-diagonal by player.
 
 `A` and `B` are block-diagonal. Where all players have states and controls of the same sizes, their
 blocks fit into one array, and a product costs an N-th of the dense one.

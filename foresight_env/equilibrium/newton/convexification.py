@@ -1,8 +1,8 @@
 """Convexification weight: how much non-convex curvature Newton steps leave out.
 
-Far from a solution costates make curvature of the dynamics, and proximity costs that of agents in
-each other's way, turn a player's step uphill; near one, leaving curvature out slows convergence
-down. `Convexification` has the schedule.
+Far from a solution, negative curvature of the dynamics (large costates) and of proximity costs
+turns a player's step uphill; near one, leaving curvature out slows convergence down.
+`Convexification` has the schedule.
 """
 
 from __future__ import annotations

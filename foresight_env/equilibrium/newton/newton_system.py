@@ -58,7 +58,7 @@ def fischer_burmeister(pairs: Pairs, point: Iterate, barrier: Scalar | float) ->
 
 
 class Eliminated(NamedTuple):
-    """What remains of `Linear` once slacks and multipliers are eliminated from the stage."""
+    """Coefficients of `Linear` after slacks and multipliers are eliminated from the stage."""
 
     ratios: Parts
     """Slopes over own coefficients of bounds; of rows and excess, own coefficients over slopes."""
@@ -101,7 +101,7 @@ def stage_system(
 ) -> StageSystem:
     """The linear system with slacks and bound multipliers eliminated.
 
-    `convexity`: how much of the dynamics' curvature that is not convex is left out (None: nothing);
+    `convexity`: the convexification weight of the dynamics' curvature (None: nothing is left out);
     `condensed`: whether row multipliers are eliminated too.
     """
     lin = ev.lin
@@ -114,7 +114,7 @@ def stage_system(
         weighted = lin.jacobian / eliminated.softness[:, :, None]
         hessian = hessian + jnp.einsum("tka,tkb->tab", lin.share * lin.jacobian, weighted)
     elif layout.rows:
-        # Row multipliers stay among a stage's unknowns, beside its controls. Eliminating them too
+        # Row multipliers stay among a stage's unknowns, with its controls. Eliminating them too
         # would put weights of 1e11 on positions and lose the game's own curvature to rounding.
         soft = eliminated.softness
         softness = jnp.where(jnp.eye(soft.shape[1], dtype=bool), soft[:, :, None], 0.0)

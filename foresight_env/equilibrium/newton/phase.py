@@ -31,7 +31,7 @@ from foresight_env.games.types import Scalar
 
 
 class Accuracy(NamedTuple):
-    """Where an iteration ends."""
+    """Accuracy at which an iteration ends."""
 
     barrier: Scalar | float
     """Complementarity product."""

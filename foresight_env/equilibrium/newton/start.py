@@ -1,4 +1,4 @@
-"""Where a solve begins: cold, from controls, or from the solution of a similar game."""
+"""Start of a solve: cold, from controls, or from the solution of a similar game."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from foresight_env.games.types import AnyArray, Scalar
 
 
 class Start(NamedTuple):
-    """Where a solve begins."""
+    """Start of a solve."""
 
     point: Iterate
     warm: Bool[AnyArray, ""] | None = None
@@ -135,7 +135,7 @@ def begin_phase(
     start: Start,
     number: Int[Array, ""],
 ) -> Iterate:
-    """Return where the phase with this number begins.
+    """Return the point at which the phase with this number begins.
 
     0: a similar game's solution; 1: the path from there, or from the start; from 2 on: the path
     from perturbed controls, away from any symmetry: those of a similar game's solution for
@@ -153,7 +153,7 @@ def begin_phase(
         return jax.tree.map(lambda a, b: jnp.where(solves, a, b), backed, start.point)
 
     def perturbed() -> Iterate:
-        # Incommensurable frequencies: no two agents are perturbed alike, and runs repeat exactly.
+        # Incommensurable frequencies: no two agents are perturbed equally, and runs repeat exactly.
         u = start.point.u
         if start.warm is not None:
             u = jnp.where(start.warm & (number > options.warm_phases), 0.0, u)
@@ -170,7 +170,7 @@ def begin_phase(
 def begin(
     layout: Layout, options: SolverOptions, parameters: Parameters, start: Iterate | AnyArray | None
 ) -> Start:
-    """A start from nothing (None: nobody acts), controls (T, m), or a similar game's iterate."""
+    """A start from nothing (None: zero controls), controls (T, m), or a similar game's iterate."""
     if isinstance(start, Iterate):
         return Start(start, jnp.ones((), bool))
     u = jnp.zeros((layout.game.horizon, layout.m)) if start is None else start

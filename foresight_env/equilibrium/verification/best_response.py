@@ -90,7 +90,7 @@ def best_response_game(game: Game, i: int) -> Game:
 def best_response_theta(
     layout: Layout, i: int, thetas: tuple[Theta, ...], x: Array, u: Array
 ) -> Theta:
-    """Parameters of `best_response_game`: own entries, everybody's plans, named penalties."""
+    """Parameters of `best_response_game`: own entries, all players' plans, named penalties."""
     return {
         "own": thetas[i],
         "all": thetas,

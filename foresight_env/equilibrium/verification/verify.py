@@ -1,4 +1,4 @@
-"""Is a first-order point a local Nash equilibrium? Ask each player, the others held fixed.
+"""Test whether a first-order point is a local Nash equilibrium, player by player.
 
 Two tests per player: its curvature on the subspace that active constraints leave free (second-order
 sufficient condition, Nocedal and Wright, theorem 12.6), and the gap to its best response, found by
@@ -43,13 +43,13 @@ from foresight_env.precision import to_double, to_numpy
 
 
 class Verification(NamedTuple):
-    """What `verify` found; arrays have one entry per player."""
+    """Result of `verify`; arrays have one entry per player."""
 
     is_local_equilibrium: Bool[AnyArray, ""]
     """Solved, curvature positive, and no local improvement beyond a millionth of the cost."""
     gap: Float[AnyArray, "N"]
     """Cost minus that of the best response found from the equilibrium itself (a local search), both
-    in current value at the first stage; at most rounding when nobody can improve, NaN where that
+    in current value at the first stage; at most rounding when no player can improve, NaN where that
     search failed. It does not tell a saddle, on which the local search may fall back: `curvature`
     does."""
     cold_gap: Float[AnyArray, "N"]
