@@ -113,7 +113,7 @@ def by_band(rows: list[Trial]) -> list[Row]:
                     "error / bound, mean": float(own.mean()),
                     "worst level": float(own.max()),
                     f"levels below {WANTED:g}": int(np.sum(own <= WANTED)),
-                    "gamma = 1: error / bound": float(ratios["assume-gamma-1"].mean()),
+                    "assume-gamma-1: error / bound": float(ratios["assume-gamma-1"].mean()),
                     "90 % intervals that hold gamma": f"{np.mean(told):.0%}" if told else "-",
                     "gamma open": f"{1.0 - len(told) / len(pairs):.0%}",
                     "seconds, median": float(np.median([r["seconds"] for r in good])),

@@ -23,7 +23,7 @@ SPREAD = np.array([0.3, 0.3, 0.2, 0.05])
 """Standard deviations of initial states around the published ones; of goals, 1 m."""
 KINDS = {
     "2 pedestrians, 2 cars": AACHEN.kinds,
-    "4 bicycles (the reference's)": ("bicycle", "bicycle", "car", "car"),
+    "4 kinematic bicycles (the reference's)": ("car",) * 4,
 }
 
 
