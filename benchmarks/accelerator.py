@@ -41,7 +41,7 @@ class Batch(NamedTuple):
     states: np.ndarray
 
 
-def measure(horizon: int, lanes: int, games: int, file: Path) -> None:
+def measure(horizon: int, batch_size: int, games: int, file: Path) -> None:
     """Median of three, printed as JSON; `file` receives the states."""
     game = crosswalk_game(2, horizon)
     drawn = draw(games, LEAST_GAMMA)
@@ -49,7 +49,7 @@ def measure(horizon: int, lanes: int, games: int, file: Path) -> None:
     # A processor's cores share the games; an accelerator takes all of them at once.
     threads = None if jax.default_backend() == "cpu" else 1
     batch = partial(
-        solve_many, game, states, MONTE_CARLO.theta, gammas, lanes=lanes, threads=threads
+        solve_many, game, states, MONTE_CARLO.theta, gammas, batch_size=batch_size, threads=threads
     )
     first = seconds_of(batch)
     seconds = median_seconds(batch, 3)
@@ -64,7 +64,7 @@ def measure(horizon: int, lanes: int, games: int, file: Path) -> None:
     print(json.dumps(told))
 
 
-def measured(horizon: int, lanes: int, games: int, platform: str | None) -> Batch:
+def measured(horizon: int, batch_size: int, games: int, platform: str | None) -> Batch:
     """`measure` in a process on that platform; None: JAX's choice."""
     environment = dict(os.environ)
     if platform is not None:
@@ -72,7 +72,7 @@ def measured(horizon: int, lanes: int, games: int, platform: str | None) -> Batc
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "states.npy"
         run = subprocess.run(
-            [sys.executable, "-m", __spec__.name, *map(str, (horizon, lanes, games, file))],
+            [sys.executable, "-m", __spec__.name, *map(str, (horizon, batch_size, games, file))],
             cwd=ROOT,
             env=environment,
             stdout=subprocess.PIPE,
@@ -82,14 +82,14 @@ def measured(horizon: int, lanes: int, games: int, platform: str | None) -> Batc
         return Batch(**json.loads(run.stdout.splitlines()[-1]), states=np.load(file))
 
 
-def row(horizon: int, lanes: int, games: int, batch: Batch, beside: Batch) -> Row:
+def row(horizon: int, batch_size: int, games: int, batch: Batch, beside: Batch) -> Row:
     """One line; `beside`: the processor's batch of the same games, as many as it had."""
     common = min(len(batch.states), len(beside.states))
     apart = np.abs(batch.states[:common] - beside.states[:common]).max(axis=(1, 2))
     return {
         "T": str(horizon),
         "device": batch.device,
-        "games together": lanes,
+        "games together": batch_size,
         "games": games,
         "solved": f"{batch.solved:.1%}",
         "games per second": f"{batch.games_per_second:.0f}",

@@ -95,7 +95,7 @@ def condensed(problem: Problem) -> Any:
     horizon, _, m = b.shape
     follow = jnp.asarray(responses(a, b, np.ones_like(rho)))
     felt = jnp.asarray(responses(a, b, rho))  # what costates carry back, transposed
-    process_noise = jnp.asarray(free_motion(a, np.asarray(problem.defect)))
+    drift = jnp.asarray(free_motion(a, np.asarray(problem.defect)))
 
     def solve(hessian: Float[Array, "T w w"]) -> Float[Array, "T m"]:
         hxx, hxu = hessian[:, :n, :n], hessian[:, :n, n:]
@@ -107,9 +107,9 @@ def condensed(problem: Problem) -> Any:
         matrix = felt.T @ pushed.reshape(horizon * n, horizon * m)
         matrix = matrix + jnp.einsum("tij,tjk->tik", hux, stages).reshape(matrix.shape)
         matrix = matrix.reshape(horizon, m, horizon, m).at[own, :, own].add(huu)
-        known = jnp.einsum("tij,tj->ti", hxx, process_noise) + problem.r_x
+        known = jnp.einsum("tij,tj->ti", hxx, drift) + problem.r_x
         rest = felt.T @ known.ravel() + problem.r_u.ravel()
-        rest = rest + jnp.einsum("tij,tj->ti", hux, process_noise).ravel()
+        rest = rest + jnp.einsum("tij,tj->ti", hux, drift).ravel()
         size = horizon * m
         return -jnp.linalg.solve(matrix.reshape(size, size), rest).reshape(horizon, m)
 

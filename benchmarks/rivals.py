@@ -79,9 +79,9 @@ def rival(game: Game, drawn: Drawn) -> tuple[float, float]:
     with jax.enable_x64(True):
         problem = nash_problem(game, drawn)
         start = np.zeros(problem.nvar)
-        problem.solve(initial_state=start, verbose=0)
+        problem.solve(x0=start, verbose=0)
         begin = time.perf_counter()
-        found = problem.solve(initial_state=start, verbose=0)
+        found = problem.solve(x0=start, verbose=0)
         return time.perf_counter() - begin, float(np.max(np.abs(found.res)))
 
 

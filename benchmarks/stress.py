@@ -47,7 +47,7 @@ class Drawn(NamedTuple):
     states: np.ndarray
     theta: Sequence[dict[str, Any]]
     gamma: np.ndarray
-    episode_parameters: str
+    arrangement: str
 
 
 @dataclass(frozen=True)
@@ -60,40 +60,40 @@ class Family:
     sizes: tuple[tuple[int, int], ...]
 
 
-def places(random: np.random.Generator, players: int, episode_parameters: str) -> tuple[Any, Any]:
+def places(random: np.random.Generator, players: int, arrangement: str) -> tuple[Any, Any]:
     """Starts and goals (N, 2) of people or cars that meet in the middle."""
     nominal = nominal_setting(players)
     start = nominal.initial_state[:, :2] + random.uniform(-0.3, 0.3, (players, 2))
     goal = nominal.goals + random.uniform(-0.3, 0.3, (players, 2))
-    if episode_parameters == "head-on":
+    if arrangement == "head-on":
         start[:2] = [[0.0, 1.0], [2.0, 1.0 + random.uniform(-0.02, 0.02)]]
         goal[:2] = [[2.0, 1.0], [0.0, 1.0]]
-    elif episode_parameters == "inside the margin":
+    elif arrangement == "inside the margin":
         start[1] = start[0] + random.uniform(-0.3, 0.3, 2)
-    elif episode_parameters == "goal beyond reach":
+    elif arrangement == "goal beyond reach":
         goal = 10.0 * goal - 9.0
     return start, goal
 
 
 def walkers(random: np.random.Generator, players: int, k: int, *, gamma: Any = GAMMA) -> Drawn:
     """Double integrators that start at any speed within their limits."""
-    episode_parameters = SITUATIONS[k % len(SITUATIONS)]
-    start, goal = places(random, players, episode_parameters)
+    arrangement = SITUATIONS[k % len(SITUATIONS)]
+    start, goal = places(random, players, arrangement)
     states = np.concatenate([start, random.uniform(-0.8, 0.8, (players, 2))], axis=1)
     return Drawn(
-        states, [player_theta(g) for g in goal], random.uniform(*gamma, players), episode_parameters
+        states, [player_theta(g) for g in goal], random.uniform(*gamma, players), arrangement
     )
 
 
 def cars(random: np.random.Generator, players: int, k: int, *, scale: float = 4.0) -> Drawn:
     """Bicycles that drive towards their goals, up to 0.3 rad off."""
-    episode_parameters = SITUATIONS[k % len(SITUATIONS)]
-    start, goal = (scale * v for v in places(random, players, episode_parameters))
+    arrangement = SITUATIONS[k % len(SITUATIONS)]
+    start, goal = (scale * v for v in places(random, players, arrangement))
     heading = np.arctan2(*(goal - start).T[::-1]) + random.uniform(-0.3, 0.3, players)
     speed = random.uniform(0.5, 4.0, players)
     states = np.concatenate([start, speed[:, None], heading[:, None]], axis=1)
     theta = [{"goal": g, "speed": v} for g, v in zip(goal, speed, strict=True)]
-    return Drawn(states, theta, random.uniform(*GAMMA, players), episode_parameters)
+    return Drawn(states, theta, random.uniform(*GAMMA, players), arrangement)
 
 
 def walking_game(players: int, horizon: int, *, sigmoid: bool) -> Game:
@@ -242,11 +242,11 @@ def proven_infeasible(game: Game, drawn: Drawn) -> bool:
 
 def situation_rows(name: str, size: tuple[int, int], drawn: Sequence[Drawn], found: Solution,
                    proven: np.ndarray, verified: np.ndarray | None) -> list[Row]:  # fmt: skip
-    """One line per episode_parameters of a class of games."""
+    """One line per arrangement of a class of games."""
     rows: list[Row] = []
-    situations = np.array([d.episode_parameters for d in drawn])
-    for episode_parameters in dict.fromkeys(situations):
-        mine = situations == episode_parameters
+    situations = np.array([d.arrangement for d in drawn])
+    for arrangement in dict.fromkeys(situations):
+        mine = situations == arrangement
         status = found.status[mine]
         solved, infeasible = status == Status.SOLVED, status == Status.INFEASIBLE
         iterations = found.iterations[mine]
@@ -255,7 +255,7 @@ def situation_rows(name: str, size: tuple[int, int], drawn: Sequence[Drawn], fou
                 "game": name,
                 "N": str(size[0]),
                 "T": str(size[1]),
-                "episode_parameters": str(episode_parameters),
+                "arrangement": str(arrangement),
                 "games": str(mine.sum()),
                 "solved": f"{solved.mean():.1%}",
                 "infeasible": str(infeasible.sum()),

@@ -95,6 +95,9 @@ def announce_compilation(tell: Callable[[str], object]) -> Iterator[None]:
 def _listen(event: str, duration_secs: float, **details: str | int) -> None:
     thread = threading.get_ident()
     if event.endswith("jaxpr_to_mlir_module_duration"):  # what follows is XLA's part
+        earlier = _timers.pop(thread, None)  # of a program that was lowered and not compiled
+        if earlier is not None:
+            earlier.cancel()
         timer = threading.Timer(SILENCE, _announce)
         timer.daemon = True
         _timers[thread] = timer

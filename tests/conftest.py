@@ -27,7 +27,7 @@ enable_compilation_cache(
 
 MOST_MEMORY_MAPS = 20_000
 """See `evaluation.execution.compilation`; the next file may compile much."""
-MOST_MEMORY = 1.2
+MOST_MEMORY = 0.9
 """Resident memory of a worker, GB, above which it forgets what a file's tests compiled."""
 
 

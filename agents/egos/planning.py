@@ -90,6 +90,8 @@ def plan_equilibrium(
     if previous is not None and len(previous.solution.states) == len(game.players):
         starts.insert(0, shift(previous.solution))
     best, least = None, np.inf
+    limited = budget != Budget.offline()
+    trials = budget if limited else Budget.trial()
     starts = starts or [None]
     for number, start in enumerate(starts, 1):
         solved = best is not None and int(best.status) == Status.SOLVED
@@ -100,7 +102,7 @@ def plan_equilibrium(
             theta,
             gamma,
             initial_guess=start,
-            budget=Budget.trial() if trial else Budget.offline(),
+            budget=trials if trial else Budget.offline(),
         )
         if int(solution.status) != Status.SOLVED:
             best = solution if best is None else best
@@ -108,7 +110,6 @@ def plan_equilibrium(
         change = _change_of_others(scene, ego, bounded, solution)
         if change < least - SAME_CHANGE:
             best, least = solution, change
-        limited = budget != Budget.offline()
         if limited or int(solution.iterations) > ALTERNATIVE_STEPS:
             break
     assert best is not None

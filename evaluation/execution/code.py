@@ -13,7 +13,7 @@ PACKAGES = ("foresight_env", "agents")
 """Packages that count whole, with their data files (shipped weights)."""
 ROOMS = ("metrics", "rollout", "samples", "studies", "windows")
 """Packages of `evaluation` that compute rows; execution, reports and commands do not."""
-FILES = ("training/generation.py",)
+FILES = ("training/generation.py", "training/names.py")
 """Other files of `evaluation` that compute rows."""
 DATA = (".safetensors", ".json")
 """Endings of data files."""

@@ -45,14 +45,16 @@ def available_workers() -> int:
 def _process_results(attempt: Attempt, pilots: Pilots, count: int) -> Generator[Row]:
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(count, context, initializer=prepare_worker) as pool:
-        running = {pool.submit(attempt, trial): trial for trial in pilots.start()}
+        running = {pool.submit(attempt, trial): trial for trial in pilots.next_pilot()}
         try:
             while running:
                 done, _ = wait(running, return_when=FIRST_COMPLETED)
                 for future in done:
                     trial, row = running.pop(future), future.result()
-                    for released in pilots.finished(trial):
-                        running[pool.submit(attempt, released)] = released
+                    todo = pilots.finished(trial)
+                    while len(running) + len(todo) < count and (more := pilots.next_pilot()):
+                        todo += more
+                    running |= {pool.submit(attempt, released): released for released in todo}
                     yield row
         except BrokenProcessPool as error:
             raise OSError(

@@ -60,17 +60,17 @@ class SolverOptions:
     semismooth_trial: int = 3
     """Semismooth steps after which the residual must not be above that of their start. Of 543 warm
     solves 214 were above it then, and 5 of these converged within ten steps; of the 329 others 226
-    did (`benchmarks.online`)."""
+    did."""
     warm_phases: int = 2
     """Interior-point phases from a similar game's solution, the second from its perturbed controls,
     before it is discarded. With three, two walkers who face each other fail more often; with one
-    they come to wait for each other (`benchmarks.online`)."""
+    they come to wait for each other."""
     warm_steps: int = 45
     """Newton steps of the first of these: of 319 such phases 298 converged within 45 steps and 13
-    more within 200 (`benchmarks.online`)."""
+    more within 200."""
     warm_barrier: float = 1e-2
     """Complementarity product that a solution is moved to before these phases: 9.4 steps on average
-    at crossings, 11.7 with 1e-4 (`benchmarks.online`)."""
+    at crossings, 11.7 with 1e-4."""
     warm_exactness: float = 10.0
     """Factor of `exact_below` in the first of these phases: curvature there is that of a
     solution."""
@@ -85,10 +85,17 @@ class SolverOptions:
                 f"barrier_schedule: is {self.barrier_schedule}; expected positive numbers, at "
                 "least one"
             )
-        for name in ("tolerance", "barrier", "warm_barrier"):
+        for name in ("tolerance", "barrier", "warm_barrier", "exact_below", "runaway_multiplier"):
             if not getattr(self, name) > 0.0:
                 raise ValueError(f"{name}: is {getattr(self, name)}; expected more than 0")
-        for name in ("linear_steps", "nonlinear_steps", "semismooth_steps", "warm_steps"):
+        for name in (
+            "linear_steps",
+            "nonlinear_steps",
+            "semismooth_steps",
+            "semismooth_trial",
+            "warm_phases",
+            "warm_steps",
+        ):
             if getattr(self, name) < 1:
                 raise ValueError(f"{name}: is {getattr(self, name)}; expected at least 1")
 
@@ -143,7 +150,7 @@ class Budget:
     def realtime(cls) -> Budget:
         """One game of one phase per update.
 
-        Of 434 left turns' updates 8 failed with 40 Newton steps, 36 with 25 (`benchmarks.online`).
+        Of 434 left turns' updates 8 failed with 40 Newton steps, 36 with 25.
         """
         return cls(phases=1, newton_steps=40, trial_newton_steps=40, gauss_newton_steps=0, fits=1)
 

@@ -196,7 +196,7 @@ def _solve_concrete(
     elif initial_guess is not None:
         controls: Any = np.asarray(initial_guess, dtype=float)
         kind, point = Kind.CONTROLS, point._replace(u=controls)
-    how = (np.asarray(int(kind)), jax.tree.map(np.asarray, limits_of(budget)))
+    how = (np.asarray(int(kind)), limits_of(budget))
     packed = np.asarray(_solve_packed(layout, options, parameters, point, *how))
     if not packed[-NUMBERS]:
         check_start_is_finite(layout, parameters, initial_guess)

@@ -254,14 +254,15 @@ def estimate(
         initial = starts.spread(begin, coordinates.is_gamma & chosen, limits)
         padded = np.pad(initial, ((0, MOST_STARTS - len(initial)), (0, 0)), mode="edge")
         point = _tracked(problem, data, parameters) if warm is None else warm
-        start = Start(point, np.asarray(warm is not None), limits=limits_of(budget))
+        granted = limits_of(budget)
+        start = Start(point, np.asarray(warm is not None), limits=granted)
         fit, count, costs = search(
             problem, method, data, parameters, padded, np.asarray(len(initial)), start
         )
         intervals = None
         if profile is not None and bool(fit.success):
             local = method if isinstance(method, GaussNewton) else GaussNewton()
-            fit, intervals, more = profiled(problem, data, parameters, fit, local, profile)
+            fit, intervals, more = profiled(problem, data, parameters, fit, local, profile, granted)
             count = count + more
         found, solution, spread, identifiable, rates = to_numpy(
             _finish(problem, data, parameters, fit)

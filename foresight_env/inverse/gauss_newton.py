@@ -33,7 +33,7 @@ from foresight_env.inverse.fit import (
 
 @dataclass(frozen=True)
 class SearchSettings:
-    """Constants of the search; `benchmarks.inverse` and `benchmarks.online` derive them."""
+    """Constants of the search; `benchmarks.inverse` measures the estimator with them."""
 
     stalls: int = 2
     """Steps in a row without a change of the cost after which a search ends."""

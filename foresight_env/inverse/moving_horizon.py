@@ -32,7 +32,7 @@ from foresight_env.inverse.window_fit import WindowFit, moved_along, rates_of
 
 @dataclass(frozen=True)
 class DoubtSettings:
-    """Thresholds of the search for another equilibrium; `benchmarks.online` derives the numbers."""
+    """Thresholds of the search for another equilibrium."""
 
     plausible: float = 1.5
     """Reduced chi-squared up to which none is: of 30 degrees of freedom, noise alone leaves more
@@ -230,10 +230,10 @@ class MovingHorizonEstimator:
         found, abandoned, spent = None, False, 0
         if last is not None and state.phase is UpdatePhase.TRACKING:
             limit = max(DOUBT.plausible, state.reduced_chi_squared) * fits.freedom(last)
-            most = self.budget.gauss_newton_steps
+            most, own = self.budget.gauss_newton_steps, int(self.method.max_iterations)
             tracking = replace(
                 self.method,
-                max_iterations=self.method.max_iterations if most is None else most,
+                max_iterations=own if most is None else min(own, most),
                 initial_cost_limit=DOUBT.abandoned * limit,
             )
             found = fits.run(tracking, self.budget, initial_guess=last.solution)

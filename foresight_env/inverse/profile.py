@@ -21,6 +21,7 @@ from scipy.stats import chi2
 
 from foresight_env.compilation import compiled
 from foresight_env.equilibrium.conditions.kkt import Iterate, Parameters
+from foresight_env.equilibrium.newton.schedule import Limits
 from foresight_env.equilibrium.newton.start import Start, from_controls
 from foresight_env.inverse.fit import Data, Fit, Problem, extrapolated
 from foresight_env.inverse.gauss_newton import GaussNewton
@@ -84,7 +85,14 @@ beginning near another fit, with one parameter held or with a smoothed game firs
 
 
 @compiled(static_argnums=0)
-def _begin(problem: Problem, base: Parameters, near: Fit, values: Array, smoothed: Array) -> Start:
+def _begin(
+    problem: Problem,
+    base: Parameters,
+    near: Fit,
+    values: Array,
+    smoothed: Array,
+    limits: Limits,
+) -> Start:
     """Near a solution moved along its derivatives, or the path from its controls."""
 
     def from_path() -> Iterate:
@@ -92,14 +100,20 @@ def _begin(problem: Problem, base: Parameters, near: Fit, values: Array, smoothe
         return from_controls(problem.layout, problem.options, parameters, near.point.u)
 
     point = jax.lax.cond(smoothed, from_path, lambda: extrapolated(near, values))
-    return Start(point, ~smoothed)
+    return Start(point, ~smoothed, limits=limits)
 
 
 _laplace = compiled(static_argnums=0)(laplace)
 
 
 def profiled(
-    problem: Problem, data: Data, base: Parameters, fit: Fit, method: GaussNewton, profile: Profile
+    problem: Problem,
+    data: Data,
+    base: Parameters,
+    fit: Fit,
+    method: GaussNewton,
+    profile: Profile,
+    limits: Limits,
 ) -> Profiled:
     """Walk from `fit` along every estimated discount factor, down and up."""
     solves = 0
@@ -125,7 +139,7 @@ def profiled(
             base,
             np.tile(values, (MOST_STARTS, 1)),
             np.asarray(1),
-            _begin(problem, base, near, values, np.asarray(smoothed)),
+            _begin(problem, base, near, values, np.asarray(smoothed), limits),
         )
         solves += int(spent)
         return found

@@ -25,7 +25,7 @@ class UpdateEvent(Enum):
     """Outcome of an update."""
 
     NO_DATA = "no data"
-    """Fewer than two observations, or an agent that was never seen."""
+    """Fewer than two observations."""
     FITTED_EARLY = "fitted early"
     """A usable fit among the first updates."""
     FITTED = "fitted"
@@ -46,7 +46,6 @@ TRANSITIONS: dict[tuple[UpdatePhase, UpdateEvent], UpdatePhase] = {
     (_P.WAITING, _E.FITTED_EARLY): _P.INITIALISING,
     (_P.WAITING, _E.FITTED): _P.TRACKING,
     (_P.WAITING, _E.FAILED): _P.SEARCHING,
-    (_P.SEARCHING, _E.NO_DATA): _P.SEARCHING,
     (_P.SEARCHING, _E.FITTED_EARLY): _P.INITIALISING,
     (_P.SEARCHING, _E.FITTED): _P.TRACKING,
     (_P.SEARCHING, _E.FAILED): _P.SEARCHING,

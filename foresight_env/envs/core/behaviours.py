@@ -77,7 +77,7 @@ class _Oracle:
 
     def __init__(self, game: Game) -> None:
         self._game = game
-        self._situation: EpisodeParameters | None = None
+        self._episode: EpisodeParameters | None = None
         self._plan: Solution | None = None
         self._report = SolverReport()
 
@@ -92,15 +92,15 @@ class _Oracle:
         return tuple(np.array(states[:, :2]) for states in self._plan.states)
 
     def reset(self, episode_parameters: EpisodeParameters) -> None:
-        self._situation, self._plan, self._report = episode_parameters, None, SolverReport()
+        self._episode, self._plan, self._report = episode_parameters, None, SolverReport()
 
     def _solve(
         self, states: Float[np.ndarray, "N n"], initial_guess: Solution | None
     ) -> Solution | None:
         """A solution; None when there was none to be found."""
-        if self._situation is None:
+        if self._episode is None:
             raise RuntimeError("act: there is no episode; call reset first")
-        _, theta, gamma = self._situation
+        _, theta, gamma = self._episode
         found = solve(self._game, states, theta, gamma, initial_guess=initial_guess)
         solved = int(found.status) == Status.SOLVED
         residual = float(found.residual)

@@ -177,17 +177,17 @@ class CrosswalkVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         observations: Float32[np.ndarray, "B size"],
     ) -> None:
         """New episodes in these places, drawn in the order of the single environment."""
-        situations = []
+        drawn_parameters = []
         for k in places:
             source = self._sources[k]
             if source is None:
                 source = self._sources[k] = np_random()[0]
             drawn = self._world.draw(source)
             noise = np.random.default_rng(source.integers(2**63))
-            situations.append(checks.with_options(drawn, options))
+            drawn_parameters.append(checks.with_options(drawn, options))
             # One draw for a whole episode: the same numbers as one after the other.
             self._noise[k] = noise.normal(0.0, self._setting.noise_std, self._noise[k].shape)
-        batch = _stack(situations, padded(len(places)))
+        batch = _stack(drawn_parameters, padded(len(places)))
         first = self._noise[places, 0]
         first = np.concatenate(
             [first, np.zeros((padded(len(places)) - len(places), first.shape[1]))]
@@ -319,9 +319,9 @@ def _put(whole: np.ndarray, places: Int[np.ndarray, "b"], new: np.ndarray) -> No
     whole[places] = new
 
 
-def _stack(situations: Sequence[EpisodeParameters], size: int) -> EpisodeParameters:
+def _stack(drawn_parameters: Sequence[EpisodeParameters], size: int) -> EpisodeParameters:
     """With a leading axis of that size; the last one is repeated."""
-    full = [*situations, *[situations[-1]] * (size - len(situations))]
+    full = [*drawn_parameters, *[drawn_parameters[-1]] * (size - len(drawn_parameters))]
     found: EpisodeParameters = jax.tree.map(
         lambda *v: np.stack([np.asarray(x, float) for x in v]), *full
     )

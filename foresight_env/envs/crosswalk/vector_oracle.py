@@ -17,7 +17,7 @@ from foresight_env.equilibrium.conditions.layout import layout_of
 
 
 class VectorOracle:
-    """Plans of B environments, and how their solves went; `oracle.Receding` or `OpenLoop`."""
+    """Plans of B environments, and how their solves went; `behaviours.Receding` or `OpenLoop`."""
 
     def __init__(self, setting: CrosswalkSetting, count: int) -> None:
         self._layout = layout_of(setting.game)

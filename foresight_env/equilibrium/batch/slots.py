@@ -104,7 +104,8 @@ def solve_in_slots(
 
     def body(carried: tuple[_Slot, Equilibrium, Array]) -> tuple[_Slot, Equilibrium, Array]:
         slots, found, waiting = carried
-        turning = ended(slots)
+        # Slots without a game stay as they are.
+        turning = ended(slots) & (slots.game < active)
 
         def turn() -> tuple[_Slot, Equilibrium, Array]:
             result = results(slots)

@@ -148,21 +148,36 @@ def _together(
     )
 
 
+def _is_parametric(what: Any) -> bool:
+    """Whether a cost is a function of its constants.
+
+    Classes that inherit this from another, and compute something else, are not.
+    """
+    if not isinstance(what, Parametric):
+        return False
+
+    def owner(name: str) -> type | None:
+        return next((c for c in type(what).__mro__ if name in vars(c)), None)
+
+    computing = {owner(name) for name in ("__call__", "residual", "loss")} - {None}
+    return computing == {owner("without_constants")}
+
+
 def _general(what: Any) -> Any:
     """A cost without the numbers that identical players may differ in."""
-    return what.without_constants() if isinstance(what, Parametric) else what
+    return what.without_constants() if _is_parametric(what) else what
 
 
 def _sizes(what: Any) -> tuple[tuple[int, ...], ...]:
     """Shapes of the numbers that identical players may differ in."""
-    if not isinstance(what, Parametric):
+    if not _is_parametric(what):
         return ()
     return tuple(np.shape(v) for v in jax.tree.leaves(what.constants()))
 
 
 def _stacked(costs: list[Any]) -> Any:
     """The numbers of the members' costs along a new first axis, where they have any."""
-    if not isinstance(costs[0], Parametric):
+    if not _is_parametric(costs[0]):
         return None
     return jax.tree.map(lambda *v: np.stack(v), *(cost.constants() for cost in costs))
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Int
 
 from foresight_env.equilibrium.conditions.layout import Layout
@@ -30,14 +31,16 @@ class Limits(NamedTuple):
     def of_trial(self, trial: Bool[AnyArray, ""]) -> Limits:
         """Return the limits of a solve that may be a fit's trial step."""
         phases = jnp.where(trial, 1, self.phases)
-        steps = jnp.where(trial, self.trial_newton_steps, self.newton_steps)
+        most = jnp.minimum(self.trial_newton_steps, self.newton_steps)
+        steps = jnp.where(trial, most, self.newton_steps)
         return self._replace(phases=phases, newton_steps=steps)
 
 
 def limits_of(budget: Budget) -> Limits:
     """Return a budget's numbers, those that it leaves open as `UNLIMITED`."""
     numbers = (budget.phases, budget.newton_steps, budget.trial_newton_steps)
-    return Limits(*(jnp.asarray(UNLIMITED if n is None else n) for n in numbers))
+    # In NumPy: a solve hands them over in microseconds.
+    return Limits(*(np.asarray(UNLIMITED if n is None else n) for n in numbers))
 
 
 class PhaseRules(NamedTuple):

@@ -13,7 +13,18 @@ from foresight_env.equilibrium.conditions.kkt import Iterate, Parameters
 from foresight_env.equilibrium.conditions.layout import layout_of
 from foresight_env.equilibrium.conditions.pairs import pairs_of
 from foresight_env.equilibrium.conditions.residual import evaluate
-from foresight_env.games import Circle, Composite, Effort, Game, Goal, Lane, RoadSide
+from foresight_env.games import (
+    Circle,
+    Composite,
+    Effort,
+    Game,
+    Goal,
+    KinematicBicycle,
+    Lane,
+    LaneCenter,
+    Player,
+    RoadSide,
+)
 from foresight_env.games.kinds import is_vehicle
 from foresight_env.games.permutation import distinguishes
 from foresight_env.scenarios import crosswalk, driving, encounter, intersection
@@ -271,3 +282,31 @@ def test_a_cost_that_is_there_twice_counts_twice():
         twice, double = paying(Goal(1.0), Goal(1.0)), paying(Goal(2.0))
     np.testing.assert_allclose(twice.gradient, double.gradient, atol=1e-12)
     np.testing.assert_allclose(twice.hessian, double.hessian, atol=1e-12)
+
+
+@dataclass(frozen=True)
+class Quartic(LaneCenter):
+    """A user's cost that computes something else of the same lane."""
+
+    def loss(self, value, theta):
+        return jnp.sum(value**4)
+
+
+def test_derived_costs_are_evaluated_themselves():
+    lanes = Lane((0.0, 1.0)), Lane((0.1, 0.0))
+    car = Player(KinematicBicycle(0.1), (Effort(1.0),))
+    game = Game(tuple(replace(car, costs=(Quartic(lane),)) for lane in lanes), HORIZON, (), 0.1)
+    assert members(game, [{}, {}]) == [(0,), (1,)]
+    point, parameters = at_random(game, [{}, {}])
+    layout = layout_of(game)
+    with jax.enable_x64(True):
+        found = evaluate(layout, pairs_of(layout), point, parameters, None, 1e-3).lin.gradient
+        for i, lane in enumerate(lanes):
+
+            def cost(place, lane=lane):
+                return lane.offset(place) ** 4
+
+            own = layout.state_slices[i].start
+            places = point.x[:, own : own + 2]
+            wanted = jax.vmap(jax.grad(cost))(places)
+            np.testing.assert_allclose(found[:, own : own + 2], wanted, rtol=1e-9)

@@ -22,7 +22,7 @@ def test_a_group_waits_for_its_pilot_and_one_pilot_runs_at_a_time(groups, worker
     """A pool of `workers` that finishes what it runs in any order."""
     trials = trials_of(groups)
     pilots, seen, compiled = Pilots(trials, ("ego",)), [], set()
-    queue = list(pilots.start())
+    queue = list(pilots.next_pilot())
     running = []
     while queue or running:
         while queue and len(running) < workers:
@@ -42,3 +42,14 @@ def test_processes_return_the_rows_of_this_one():
     attempt = Attempt(stand_in.trial, stand_in.KEY)
     found = list(results(attempt, trials, 2, ("ego",)))
     assert sorted(map(str, found)) == sorted(str(attempt(t)) for t in trials)
+
+
+def test_idle_processes_run_further_pilots():
+    trials = [{"ego": e, "seed": 0} for e in range(4)]
+    pilots = Pilots(trials, ("ego",))
+    (first,) = pilots.next_pilot()
+    assert pilots.finished(first) == [trials[1]]
+    assert pilots.next_pilot() == [trials[2]]
+    assert pilots.finished(trials[1]) == []  # another one is running
+    assert pilots.finished(trials[2]) == [trials[3]]
+    assert pilots.next_pilot() == []
