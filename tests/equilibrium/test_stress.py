@@ -59,8 +59,6 @@ def test_failures_are_labelled_and_solutions_finite():
     assert (found.residual[solved] <= 1e-6).all()
     # Whoever starts so deep inside the margin that one step cannot leave it has no game to play.
     infeasible = [
-        d.episode_parameters
-        for d, s in zip(drawn, found.status, strict=True)
-        if s == Status.INFEASIBLE
+        d.arrangement for d, s in zip(drawn, found.status, strict=True) if s == Status.INFEASIBLE
     ]
     assert set(infeasible) <= {"inside the margin"}
