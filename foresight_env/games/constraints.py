@@ -120,7 +120,7 @@ class SharedInequality:
     - `"individual"`: the players' multipliers are equal in their own current values, so that each
       feels the constraint at stage t as strongly beside its own stage cost at t;
     - `"common"`: one multiplier in present values (the normalised equilibrium of Rosen, 1965). The
-      more farsighted a player is, the less the constraint weighs for it late in the game.
+      larger a player's gamma is, the less the constraint weighs for it late in the game.
 
     `players`: indices of those bound; None means all.
     """

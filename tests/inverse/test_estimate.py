@@ -258,7 +258,7 @@ def test_starts_do_not_share_a_local_minimum():
     np.testing.assert_allclose(found.gamma, setting.gamma, atol=1e-3)
 
 
-def test_farsighted_baseline_has_the_reference_error():
+def test_the_gamma_1_baseline_has_the_reference_error():
     """Squared error of the best gamma = 1 fit to the noise-free Monte Carlo crossing: 0.765."""
     game, setting = crosswalk_game(2, 25, "reference"), MONTE_CARLO
     truth = solve(game, setting.initial_state, setting.theta, setting.gamma)

@@ -155,7 +155,7 @@ def test_egos_drive(ego):
     assert infos["car_0"]["is_success"]
 
 
-def test_what_the_foresight_ego_believes_of_others():
+def test_what_the_ego_infer_gamma_assumes_of_others():
     """From the first observation on: the way along the road, the speed it has, its own weights."""
     env = driving_v0.parallel_env(noise_std=0.0, **SHORT)
     policy = InferGamma()

@@ -190,7 +190,7 @@ def test_myopic_players_solve_one_stage_at_a_time():
     assert np.abs(np.stack(near.states) - stagewise).max() > 1e-6
 
 
-def test_more_than_farsighted_players():
+def test_players_with_gamma_above_1():
     found = solve(crossing("soft"), CROSSING_STATES, crossing_theta(), 1.1)
     assert found.status == Status.SOLVED
     rises = deviations("soft", found, np.array([1.1, 1.1]), np.random.default_rng(1))
