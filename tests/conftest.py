@@ -27,12 +27,12 @@ enable_compilation_cache(
 
 MOST_MEMORY_MAPS = 20_000
 """See `evaluation.execution.compilation`; the next file may compile much."""
-MOST_MEMORY = 0.9
-"""Resident memory of a worker, GB, above which it forgets what a file's tests compiled."""
+MOST_MEMORY = 1.4
+"""Resident memory of a worker, GB, above which it forgets what its tests compiled."""
 
 
-@pytest.fixture(scope="module", autouse=True)
+@pytest.fixture(autouse=True)
 def forget_compiled_programs() -> Iterator[None]:
-    """What a file's tests compiled is not kept for ever: see `MOST_MEMORY_MAPS`."""
+    """Forget the programs of earlier tests where they take too much memory."""
     yield
-    forget_if_many(MOST_MEMORY_MAPS, MOST_MEMORY, seconds=0.0)
+    forget_if_many(MOST_MEMORY_MAPS, MOST_MEMORY, seconds=5.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import gc
 import os
 import time
@@ -58,7 +59,15 @@ def forget_if_many(
     for clear in _warm_ups:
         clear()
     gc.collect()
+    _return_memory()
     return True
+
+
+def _return_memory() -> None:
+    """Return freed memory to the system, where the C library can (glibc)."""
+    trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
+    if trim is not None:
+        trim(0)
 
 
 def _resident() -> float:
