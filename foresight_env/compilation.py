@@ -73,14 +73,16 @@ def enable_compilation_cache(folder: str | os.PathLike[str] | None = None) -> Pa
 
 _timers: dict[int, threading.Timer] = {}
 _listeners: list[Callable[[str], object]] = []
+_announced: list[Callable[[str], object]] = []
+"""Those of them that have been called."""
 _registered: list[bool] = []
 
 
 @contextmanager
 def announce_compilation(tell: Callable[[str], object]) -> Iterator[None]:
-    """Call `tell` with a line, within this context, where a compilation takes over a second.
+    """Call `tell` with a line, once within this context, where a compilation takes over a second.
 
-    From a thread of its own: `tell` should only print.
+    From another thread: `tell` should only print.
     """
     if not _registered:
         _registered.append(True)
@@ -90,6 +92,8 @@ def announce_compilation(tell: Callable[[str], object]) -> Iterator[None]:
         yield
     finally:
         _listeners.remove(tell)
+        if tell in _announced:
+            _announced.remove(tell)
 
 
 def _listen(event: str, duration_secs: float, **details: str | int) -> None:
@@ -109,5 +113,6 @@ def _listen(event: str, duration_secs: float, **details: str | int) -> None:
 
 
 def _announce() -> None:
-    if _listeners:
-        _listeners[-1]("compiling the solver, once per machine")
+    if _listeners and _listeners[-1] not in _announced:
+        _announced.append(_listeners[-1])
+        _listeners[-1]("compiling the solver, once per machine; later runs load it")

@@ -99,7 +99,8 @@ class _Lines:
 
     def _repeat(self) -> None:
         while not self._end.wait(PERIOD):
-            self._print()
+            if self._completed < self._total:  # the last line comes at the end
+                self._print()
 
     def _print(self) -> None:
         seconds = time.monotonic() - self._begin
