@@ -223,7 +223,7 @@ def closed_loop_summary(rows: Sequence[Row], egos: Sequence[str], path: Path) ->
             axes.plot(place, values, ".", color=colour_of(ego), alpha=0.6, ms=5)
             axes.plot([k - 0.3, k + 0.3], [values.mean()] * 2, color="black", lw=2)
         axes.set_xticks(
-            range(len(egos)), [label_of(e).replace(" ", "\n", 1) for e in egos], fontsize=8
+            range(len(egos)), [label_of(e).replace("-", "-\n", 1) for e in egos], fontsize=8
         )
         axes.set_title(label, fontsize=9)
     figure.suptitle("episodes (dots) and means (bars)", fontsize=9)
