@@ -49,7 +49,9 @@ def default_cache() -> Path:
 def enable_compilation_cache(folder: str | os.PathLike[str] | None = None) -> Path:
     """Keep compiled programs between runs, also those of processes that this one starts.
 
-    A first solve compiles for seconds, a first fit of four agents for some ten; later processes
+    Changes JAX's configuration and environment variables of this process, for callers that want
+    that: nothing in the library calls it but the command line and worker processes. A first solve
+    compiles for seconds, a first fit of four agents for some ten; later processes
     load the programs in a fraction of a second.
 
     Args:
@@ -65,6 +67,7 @@ def enable_compilation_cache(folder: str | os.PathLike[str] | None = None) -> Pa
         "jax_persistent_cache_min_compile_time_secs": LEAST_SECONDS,
         "jax_persistent_cache_min_entry_size_bytes": -1,
     }
+    # The one place where the library changes JAX's configuration: callers ask for it by name.
     for name, value in settings.items():
         os.environ[name.upper()] = str(value)
         jax.config.update(name, value)

@@ -54,7 +54,7 @@ def test_the_users_choice_of_a_folder_counts(monkeypatch, tmp_path):
 
 
 class FakeTimer:
-    """Runs when it is told to, unless cancelled."""
+    """Timer that the test fires itself; `cancel` stops it."""
 
     def __init__(self, seconds, function):
         self.function = function

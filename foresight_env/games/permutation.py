@@ -51,7 +51,7 @@ class Parametric(Protocol):
 
 
 def _always(self: PermutationInvariant, i: int, j: int) -> bool:
-    """Whoever they are."""
+    """Distinguish all players: the class makes no promise."""
     return True
 
 

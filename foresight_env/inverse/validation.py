@@ -88,7 +88,7 @@ def check_information(
     states = free & (coordinates.kinds == "initial_state")
     owners = np.array([parameter.player for parameter in coordinates.parameters])
     for player in np.unique(owners[states]):
-        # An entry without an owner may tell of everybody.
+        # An observed entry without an owner may depend on every player.
         tells = [owner in (None, player) for owner in model.owners]
         if not seen[:, tells].any() and not believed[states & (owners == player)].any():
             raise NeverSeenError(

@@ -18,7 +18,7 @@ from foresight_env.games.game import Game, Player
 class RecordingTheta(dict[str, Any]):
     """A player's `theta` that records in `read` which entries are asked for.
 
-    Whoever takes all of it (iteration, a copy, a PyTree operation) is taken to read all of it.
+    Access to all of it (iteration, a copy, a PyTree operation) counts as reading every entry.
     """
 
     def __init__(self, entries: Mapping[str, Any], read: set[str]) -> None:
