@@ -12,13 +12,21 @@ if TYPE_CHECKING:
     from agents.egos.oracle import Oracle
     from agents.egos.predict_then_plan import PredictThenPlan, constant_velocity
     from agents.interfaces.policy import Decision, EgoPolicy
-    from agents.interfaces.predictor import Forecast, FunctionPredictor, History, Predictor
+    from agents.interfaces.predictor import (
+        Context,
+        Forecast,
+        FunctionPredictor,
+        History,
+        Predictor,
+    )
     from agents.predictors.encounter import EncounterPredictor
+    from agents.predictors.junction import JunctionPredictor
     from agents.predictors.kinematic import ConstantTurnRatePredictor, ConstantVelocityPredictor
 
 _MODULES = {
     "ConstantTurnRatePredictor": "predictors.kinematic",
     "ConstantVelocityPredictor": "predictors.kinematic",
+    "Context": "interfaces.predictor",
     "Decision": "interfaces.policy",
     "EgoPolicy": "interfaces.policy",
     "EncounterPredictor": "predictors.encounter",
@@ -26,6 +34,7 @@ _MODULES = {
     "FunctionPredictor": "interfaces.predictor",
     "History": "interfaces.predictor",
     "InferGamma": "egos.infer_gamma",
+    "JunctionPredictor": "predictors.junction",
     "Oracle": "egos.oracle",
     "PredictThenPlan": "egos.predict_then_plan",
     "Predictor": "interfaces.predictor",
@@ -38,6 +47,7 @@ __all__ = [
     "PREDICTORS",
     "ConstantTurnRatePredictor",
     "ConstantVelocityPredictor",
+    "Context",
     "Decision",
     "EgoPolicy",
     "EncounterPredictor",
@@ -45,6 +55,7 @@ __all__ = [
     "FunctionPredictor",
     "History",
     "InferGamma",
+    "JunctionPredictor",
     "Oracle",
     "PredictThenPlan",
     "Predictor",

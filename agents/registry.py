@@ -48,6 +48,8 @@ FORECASTERS = ("social-lstm", "transformer")
 PREDICTORS: dict[str, Callable[[], Predictor]] = {
     "encounter-game": _entry("predictors.encounter", "EncounterPredictor"),
     "encounter-game-gamma-1": _entry("predictors.encounter", "EncounterPredictor", infer=False),
+    "junction-game": _entry("predictors.junction", "JunctionPredictor"),
+    "junction-game-gamma-1": _entry("predictors.junction", "JunctionPredictor", infer=False),
     "kkt-residual": _entry("predictors.kkt_residual", "KktResidualPredictor"),
     "particle-filter": _entry("predictors.particle_filter", "ParticleFilterPredictor"),
     "constant-velocity": _entry("predictors.kinematic", "ConstantVelocityPredictor"),

@@ -1,14 +1,12 @@
-"""A car and a pedestrian who cross, in every DUT clip, fitted with the intersection's game."""
+"""A car and a pedestrian who cross, in every DUT clip: the published and the realistic game."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-
 from benchmarks.report import Result, Row, Setting
-from evaluation.studies.intersection import METHODS, by_agent, fit, observe, predict, straight
-from evaluation.windows.intersection import Case, Choice, difference, load
+from evaluation.studies.junction_comparison import compare
+from evaluation.windows.intersection import Case, Choice, load
 from foresight_env.datasets import closest_crossings, open_recording
 
 TITLE = "Recorded windows at an intersection"
@@ -38,26 +36,23 @@ def window(folder: Path, clip: str) -> Choice | None:
     return None
 
 
-def row(case: Case, clip: str, parameters: str) -> Row:
-    """Errors of one window."""
-    steps = len(case.states)
-    errors = {}
-    for method in METHODS:
-        if method == "constant-velocity":
-            states = straight(case, observe(case, "full", 0.0, 0, steps))
-        else:
-            states = by_agent(fit(case, "full", 0.0, 0, method, parameters))
-        errors[method] = float(np.sum(difference(case, states) ** 2))
-    predicted = predict(case, steps // 2, parameters)
-    return {
-        "clip": clip,
-        "agents": ", ".join(case.agents),
-        "steps": steps,
-        "free": parameters,
-        **{f"error, {name}": value for name, value in errors.items()},
-        "ratio to gamma = 1": errors["infer-gamma"] / errors["assume-gamma-1"],
-        **{f"ADE, {p.method}": p.average_error for p in predicted},
-    }
+def rows_of(case: Case, clip: str, parameters: str) -> list[Row]:
+    """A line per game and method."""
+    return [
+        {
+            "clip": clip,
+            "agents": ", ".join(case.agents),
+            "steps": len(case.states),
+            "free": parameters if c.game == "published" else "",
+            "game": c.game,
+            "method": c.method,
+            "fit, squared": c.fit_squared,
+            "prediction, ADE [m]": c.average_error,
+            "FDE [m]": c.final_error,
+        }
+        for c in compare(case, len(case.states) // 2, parameters)
+        if parameters == "goals" or c.game == "published"
+    ]
 
 
 def run(setting: Setting) -> list[Result]:
@@ -73,11 +68,12 @@ def run(setting: Setting) -> list[Result]:
         clip = file.name.removesuffix("_traj_ped_filtered.csv")
         choice = window(file.parent, clip)
         if choice is not None:
-            rows += [row(load(choice), clip, parameters) for parameters in PARAMETERS]
+            for parameters in PARAMETERS:
+                rows += rows_of(load(choice), clip, parameters)
     note = (
         "The closest crossing of a car and a pedestrian of each DUT clip, every sixth frame. "
-        "Errors: squared, of the whole fitted window against the recorded one, full states, no "
-        "noise added. ADE (m): of the second half, predicted from the first. Free: goals alone, or "
-        "weights and distances too."
+        "Fit: squared error of the whole fitted window against the recorded one, full states, no "
+        "noise added. Prediction: of the second half, from the first. Free in the published game: "
+        "goals alone, or weights and distances too."
     )
     return [Result(TITLE, note, rows).show(setting.console)]

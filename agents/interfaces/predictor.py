@@ -7,11 +7,34 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Bool, Float
+
+
+@dataclass(frozen=True, eq=False)
+class Context:
+    """What is known of the place; predictors may ignore it."""
+
+    routes: tuple[Float[np.ndarray, "_ _"], ...] = ()
+    """Ways that vehicles take: points `[px, py, heading, curvature]` (M, 4), 1 m apart (m, rad, 1/m).
+    Where there is no map they are learned from earlier traffic."""
+    frequencies: Float[np.ndarray, "R"] = field(default_factory=lambda: np.zeros(0))
+    """How many vehicles took each route."""
+
+    def __post_init__(self) -> None:
+        if self.frequencies.shape != (len(self.routes),):
+            raise ValueError(
+                f"frequencies: has shape {self.frequencies.shape}; expected one per route, "
+                f"({len(self.routes)},)"
+            )
+        for k, route in enumerate(self.routes):
+            if route.ndim != 2 or route.shape[1] != 4 or len(route) < 2:
+                raise ValueError(
+                    f"routes[{k}]: has shape {route.shape}; expected (M, 4) with at least 2 points"
+                )
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,6 +51,7 @@ class History:
     """Lengths and widths, m; NaN where the recording states none."""
     dt: float
     """Seconds per step."""
+    context: Context = Context()
 
     def __post_init__(self) -> None:
         count = len(self.kinds)

@@ -12,21 +12,17 @@ from agents.predictors.encounter_fit import (
     EncounterBelief,
     preferred_motion,
     seen_states,
+)
+from agents.predictors.equilibrium_forecast import (
+    LEAST_STEPS,
+    equilibrium_forecast,
+    straight_on,
     wandering,
 )
-from agents.predictors.kinematic import ConstantVelocityPredictor
-from foresight_env.equilibrium import Status
 from foresight_env.games import full_state
 from foresight_env.games.kinds import is_vehicle
 from foresight_env.inverse import Estimate, Free, MultiStart, Prior, estimate, guess_initial_state
 from foresight_env.scenarios.encounter import encounter_game, player_theta
-
-IMPLAUSIBLE = 30.0
-"""Squared deviations per observed number beyond which a fit explains nothing: good ones leave about
-one half, a search that was lost hundreds."""
-
-LEAST_STEPS = 2
-"""Observations that a fit needs."""
 
 
 @dataclass(frozen=True)
@@ -54,21 +50,12 @@ class EncounterPredictor:
         A single observation is nothing to fit to.
         """
         if len(history.states) < LEAST_STEPS:
-            return _straight(history, steps)
+            return straight_on(history, steps)
         found = self.fit(history, steps)
-        numbers = np.count_nonzero(~np.isnan(history.states))
-        if int(found.status) != Status.SOLVED or found.cost > IMPLAUSIBLE * numbers:
-            return _straight(history, steps)
-        future = slice(len(history.states), None)
-        path = np.stack([s[future, :2] for s in found.solution.states], axis=1)
-        return Forecast(
-            path[None],
-            np.ones(1),
-            (_covariance(found, future) + wandering(self.belief, history, steps))[None],
-            found.gamma,
-            found.gamma_deviation,
-            found.gamma_identifiable,
+        departures = wandering(
+            self.belief.walking_wander, self.belief.driving_wander, history, steps
         )
+        return equilibrium_forecast(found, history, steps, departures)
 
     def fit(self, history: History, steps: int) -> Estimate:
         """The estimate behind the forecast: it covers the history and `steps` more."""
@@ -112,16 +99,3 @@ class EncounterPredictor:
         walking = (("velocity", belief.velocity_deviation),)
         steered = (("speed", belief.speed_deviation), ("curvature", belief.curvature_deviation))
         return (() if all(driving) else walking) + (steered if any(driving) else ())
-
-
-def _straight(history: History, steps: int) -> Forecast:
-    straight = ConstantVelocityPredictor().predict(history, steps)
-    return Forecast(straight.positions, straight.probabilities, fallback=True)
-
-
-def _covariance(found: Estimate, future: slice) -> Float[np.ndarray, "P N 2 2"]:
-    """Covariance of predicted positions that the uncertain parameters leave."""
-    rates = found.state_jacobian[future]
-    begins = np.cumsum([0, *(s.shape[1] for s in found.solution.states)])[:-1]
-    blocks = [rates[:, b : b + 2] for b in begins]
-    return np.stack([np.einsum("tap,pq,tbq->tab", j, found.covariance, j) for j in blocks], axis=1)

@@ -58,22 +58,6 @@ class EncounterBelief(NamedTuple):
         return np.array([self.velocity_deviation, self.velocity_deviation])
 
 
-def wandering(
-    belief: EncounterBelief, history: History, steps: int
-) -> Float[np.ndarray, "P N 2 2"]:
-    """Covariance of agents' departures from the equilibrium after 1..P steps, m^2.
-
-    White acceleration, integrated twice (Bar-Shalom et al., "Estimation with Applications to
-    Tracking and Navigation", 2001, section 6.2).
-    """
-    density = [
-        belief.driving_wander if is_vehicle(kind) else belief.walking_wander
-        for kind in history.kinds
-    ]
-    times = history.dt * np.arange(1, steps + 1)
-    return np.asarray(np.multiply.outer(np.outer(times**3 / 3.0, density), np.eye(2)))
-
-
 def preferred_motion(history: History, agent: int) -> Any:
     """Preferred motion of an agent: the last velocity, or the last speed and curvature."""
     velocity = history.states[history.seen(agent)[-1], agent, 2:]

@@ -20,8 +20,8 @@ from agents.predictors.encounter_fit import (
     EncounterBelief,
     filled_states,
     preferred_motion,
-    wandering,
 )
+from agents.predictors.equilibrium_forecast import wandering
 from agents.predictors.kinematic import ConstantVelocityPredictor
 from foresight_env.equilibrium import Solution, Status, solve_many
 from foresight_env.games.kinds import is_vehicle
@@ -77,7 +77,9 @@ class ParticleFilterPredictor:
         mean = paths.mean(axis=0)
         away = paths - mean
         covariance = np.einsum("btna,btnc->tnac", away, away) / len(paths)
-        covariance = covariance + wandering(self.belief, history, steps)
+        covariance = covariance + wandering(
+            self.belief.walking_wander, self.belief.driving_wander, history, steps
+        )
         gamma = particles.gamma[solved]
         return Forecast(
             mean[None], np.ones(1), covariance[None], gamma.mean(axis=0), gamma.std(axis=0)

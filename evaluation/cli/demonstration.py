@@ -24,9 +24,11 @@ from evaluation.reports.figures import (
 from evaluation.reports.intersection import (
     SNAPSHOT,
     error_over_noise,
+    print_compared_gammas,
+    print_comparison,
     print_errors,
     print_gammas,
-    print_predictions,
+    print_violations,
     snapshot,
 )
 from evaluation.reports.naming import label_of
@@ -51,8 +53,9 @@ from evaluation.studies.closed_loop import ClosedLoop, summarise
 from evaluation.studies.driving import DrivingSetting
 from evaluation.studies.heatmap import heatmap
 from evaluation.studies.intersection import least_observed, observed_steps
+from evaluation.studies.junction_comparison import compare
 from evaluation.windows.encounters import PREDICTORS, encounters, forecast
-from evaluation.windows.intersection import Choice, load
+from evaluation.windows.intersection import Choice, contradictions, load
 from foresight_env.inverse import Profile
 
 TRIAL_STD = 0.05
@@ -212,17 +215,19 @@ def evaluate_intersection(
     where = "the published junction" if case.at_aachen else "open ground"
     agents, steps = ", ".join(case.agents), len(case.states)
     console.print(f"{case.name}: {agents}; {steps} steps of {case.dt:.2f} s; {where}", markup=False)
+    print_violations(console, contradictions(case, len(case.states)))
     rows = intersection_study.study(
         out / "study", choice, levels, sequences, parameters=parameters, workers=workers
     )
     print_errors(console, rows)
     print_gammas(console, rows)
-    with console.status("predicting from the first steps alone"):
-        predictions = intersection_study.predict(case, known, parameters)
-    print_predictions(console, case, known, predictions)
+    with console.status("comparing the published and the realistic game"):
+        compared = compare(case, known, parameters)
+    print_comparison(console, case, known, compared)
+    print_compared_gammas(console, case, compared)
     _tell(console, error_over_noise(rows, out / "error_against_noise.png"))
-    snapshot(case, known, predictions, out / f"{SNAPSHOT}.pdf")
-    _tell(console, snapshot(case, known, predictions, out / f"{SNAPSHOT}.png"))
+    snapshot(case, known, compared, out / f"{SNAPSHOT}.pdf")
+    _tell(console, snapshot(case, known, compared, out / f"{SNAPSHOT}.png"))
 
 
 def evaluate_prediction(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -19,8 +19,10 @@ from evaluation.reports.digits import significant
 from evaluation.reports.failures import errors_of, failed
 from evaluation.reports.figures import AGENTS, save
 from evaluation.reports.naming import colour_of, label_of
-from evaluation.studies.intersection import METHODS, Prediction
+from evaluation.studies.intersection import METHODS
+from evaluation.studies.junction_comparison import Comparison
 from evaluation.windows.intersection import Case
+from foresight_env.scenarios.intersection import Violation
 from foresight_env.scenarios.junction import JUNCTION_REGION
 
 LABELLED_DECADES = (4.0, 0.5)
@@ -105,19 +107,65 @@ def print_gammas(console: Console, rows: Sequence[Row]) -> None:
     console.print("open: not identifiable from the observations.")
 
 
-def print_predictions(
-    console: Console, case: Case, known: int, predictions: Sequence[Prediction]
+def print_violations(console: Console, found: Mapping[str, Sequence[Violation]]) -> None:
+    """Print which parts of the region do not bind an agent, and why."""
+    for agent, violations in found.items():
+        for violation in violations:
+            console.print(
+                f"{agent}: recorded {violation.depth:.1f} m inside {violation.part} "
+                f"{violation.number + 1} of the region, which does not bind it",
+                markup=False,
+            )
+
+
+def print_comparison(
+    console: Console, case: Case, known: int, comparisons: Sequence[Comparison]
 ) -> None:
-    """Errors after the last observation."""
+    """Print how well both games explain a window, and how well they predict its rest."""
     seconds = case.dt * (len(case.states) - known)
-    table = Table(title=f"Observed {known} steps, predicted the rest ({seconds:.1f} s)")
-    for name in ("method", "ADE [m]", "FDE [m]", "gammas"):
-        table.add_column(escape(name))
-    for p in predictions:
-        label = label_of(p.method) + ("" if p.solved else " (failed: constant velocity instead)")
-        told = "-" if p.gamma is None else ", ".join(f"{g:.2f}" for g in p.gamma)
-        table.add_row(label, f"{p.average_error:.2f}", f"{p.final_error:.2f}", told)
+    steps = len(case.states)
+    table = Table(
+        title=f"Fit to all {steps} steps; prediction of the last {seconds:.1f} s from {known} steps"
+    )
+    for name in ("game", "method", "fit: ||X - X_recorded||^2", "ADE [m]"):
+        table.add_column(escape(name), justify="left" if name in ("game", "method") else "right")
+    for name in ("prediction: ADE [m]", "FDE [m]"):
+        table.add_column(escape(name), justify="right")
+    for c in comparisons:
+        table.add_row(
+            c.game or "-",
+            label_of(c.method),
+            significant(c.fit_squared, 3) + ("" if c.fit_solved else " (failed)"),
+            f"{c.fit_displacement:.2f}",
+            f"{c.average_error:.2f}" + ("" if c.prediction_solved else " (failed)"),
+            f"{c.final_error:.2f}",
+            end_section=c.method != "infer-gamma",
+        )
     console.print(table)
+    console.print("Where a fit failed, constant velocity counts instead.")
+
+
+def print_compared_gammas(console: Console, case: Case, comparisons: Sequence[Comparison]) -> None:
+    """Print the discount factors that each game infers from the whole window."""
+    table = Table(title="Discount factors inferred from the whole window: 90 % intervals")
+    for name in ("game", "class", "agent", "gamma", "interval"):
+        table.add_column(name)
+    for c in comparisons:
+        if c.gamma is None or c.gamma_interval is None or c.gamma_identifiable is None:
+            continue
+        for i, (agent, kind) in enumerate(zip(case.agents, case.kinds, strict=True)):
+            low, high = c.gamma_interval[i]
+            known = bool(c.gamma_identifiable[i])
+            table.add_row(
+                c.game,
+                kind,
+                agent,
+                f"{c.gamma[i]:.2f}",
+                f"{low:.2f} to {high:.2f}" + ("" if known else " (not identifiable)"),
+                end_section=i == len(case.agents) - 1,
+            )
+    console.print(table)
+    console.print("Published: gamma per step. Realistic: gamma per second.")
 
 
 def error_over_noise(rows: Sequence[Row], path: Path) -> Path:
@@ -145,12 +193,16 @@ def error_over_noise(rows: Sequence[Row], path: Path) -> Path:
     return save(figure, path)
 
 
-def snapshot(case: Case, known: int, predictions: Sequence[Prediction], path: Path) -> Path:
-    """The paper's figure: observations, predictions of each method, ground truth."""
-    figure = Figure(figsize=(11.0, 5.0), layout="constrained")
-    panels = np.atleast_1d(figure.subplots(1, len(predictions), sharex=True, sharey=True))
+def snapshot(case: Case, known: int, predictions: Sequence[Comparison], path: Path) -> Path:
+    """The paper's figure: observations, predictions of each game and method, ground truth."""
+    columns = 3
+    rows = -(-len(predictions) // columns)
+    figure = Figure(figsize=(11.0, 4.6 * rows), layout="constrained")
+    panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
+    for axes in panels[len(predictions) :]:
+        axes.remove()
     shown = case.states[..., :2][case.present]
-    for axes, p in zip(panels, predictions, strict=True):
+    for axes, p in zip(panels, predictions, strict=False):
         if case.at_aachen:
             for side in JUNCTION_REGION.sides:
                 start, end = np.array(side.start), np.array(side.end)
@@ -174,7 +226,7 @@ def snapshot(case: Case, known: int, predictions: Sequence[Prediction], path: Pa
                 textcoords="offset points",
                 fontsize=8,
             )
-        label = label_of(p.method)
+        label = f"{p.game}, {label_of(p.method)}" if p.game else label_of(p.method)
         axes.set_title(f"{label}: ADE {p.average_error:.2f} m", fontsize=10)
         axes.set_aspect("equal")
         axes.set_xlabel("x [m]")

@@ -9,7 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -230,19 +230,6 @@ def study(
     )
 
 
-class Prediction(NamedTuple):
-    """One method at one moment: it explains the observations and predicts the rest."""
-
-    method: str
-    states: Float[np.ndarray, "K N 4"]
-    average_error: float
-    """ADE over the steps after `known`, m."""
-    final_error: float
-    gamma: Float[np.ndarray, "N"] | None
-    solved: bool
-    """False when the fit failed and the prediction is constant velocity instead."""
-
-
 CONSTANT_VELOCITY_STEPS = 5
 LEAST_OBSERVED = 3
 """Observed steps that a prediction needs."""
@@ -276,25 +263,3 @@ def observed_steps(at: int | None, steps: int, least: int = LEAST_OBSERVED) -> i
 def least_observed(case: Case) -> int:
     """Return the least number of first steps in which every agent is observed."""
     return max(LEAST_OBSERVED, int(case.present.argmax(axis=0).max()) + 1)
-
-
-def predict(case: Case, known: int, parameters: str) -> list[Prediction]:
-    """The paper's receding-horizon picture: each method from the first `known` full states alone.
-
-    Raises `ValueError` when `known` does not fit the window, see `observed_steps`.
-    """
-    observed_steps(known, len(case.states), least_observed(case))
-    seen = observe(case, "full", 0.0, 0, known)
-    even = straight(case, seen, CONSTANT_VELOCITY_STEPS)
-    predictions = []
-    for method in METHODS:
-        states, gamma, solved = even, None, True
-        if method != "constant-velocity":
-            found = fit(case, "full", 0.0, 0, method, parameters, known)
-            solved = int(found.status) == Status.SOLVED
-            if solved:
-                states, gamma = by_agent(found), found.gamma
-        rest = slice(known, None)
-        errors = displacement(states[rest, :, :2], case.states[rest, :, :2], case.present[rest])
-        predictions.append(Prediction(method, states, *errors, gamma, solved))
-    return predictions

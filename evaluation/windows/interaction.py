@@ -26,8 +26,8 @@ from itertools import combinations
 import numpy as np
 from jaxtyping import Bool, Float
 
-from agents.interfaces.predictor import History
-from foresight_env.datasets import Interaction, Recording, closest_crossings
+from agents.interfaces.predictor import Context, History
+from foresight_env.datasets import Interaction, Recording, closest_crossings, learned_routes
 
 STEP_SECONDS = 0.4
 """Wanted time between steps; UCY has exactly this, DUT is taken every tenth frame."""
@@ -41,13 +41,20 @@ LEAST_PREDICTED = 3
 """Steps after the moment in which everybody is still there."""
 MOST_AGENTS = 4
 DEVELOPMENT = (
+    "07",
+    "22",
     "intersection_01",
     "intersection_03",
+    "intersection_04",
+    "intersection_05",
+    "intersection_06",
+    "intersection_07",
     "intersection_13",
     "intersection_17",
+    "roundabout_04",
     "zara01",
 )
-"""Recordings that settings were chosen on; all others are for tests alone."""
+"""Recordings that settings are chosen on; all others are for tests alone. inD's are 07 and 22."""
 
 
 def split_of(recording: str) -> str:
@@ -104,8 +111,14 @@ def cut(recording: Recording, agents: Sequence[str], frame: int) -> PredictionWi
     first = frame - (grid.observed - 1) * grid.every
     window = recording.window(agents, first, grid.observed + grid.predicted, grid.every)
     known = slice(grid.observed)
+    routes = learned_routes(recording, frame)
     history = History(
-        window.states[known], window.headings[known], window.kinds, window.extents, grid.dt
+        window.states[known],
+        window.headings[known],
+        window.kinds,
+        window.extents,
+        grid.dt,
+        Context(tuple(r.path for r in routes), np.array([float(r.frequency) for r in routes])),
     )
     return PredictionWindow(
         recording.name, window.agents, frame, history, window.states[grid.observed :, :, :2]
@@ -133,7 +146,7 @@ def interaction_windows(recording: Recording) -> tuple[PredictionWindow, ...]:
             for crossing in crossings
             if (distance := _least_distance(recording, grid, crossing, frame)) < NEAR
         )
-        for group in _groups([agents for _, agents in pairs]):
+        for group in joined([agents for _, agents in pairs]):
             ordered = sorted(group, key=lambda agent: (recording.track(agent).kind, agent))
             found.append(cut(recording, ordered, frame))
     return tuple(found)
@@ -153,7 +166,7 @@ def _least_distance(recording: Recording, grid: Grid, crossing: Interaction, fra
     return float(np.nanmin(np.linalg.norm(later[:, 0] - later[:, 1], axis=1)))
 
 
-def _groups(pairs: Sequence[tuple[str, str]]) -> list[frozenset[str]]:
+def joined(pairs: Sequence[tuple[str, str]]) -> list[frozenset[str]]:
     """Pairs joined, in their order, to groups of at most `MOST_AGENTS`."""
     group: dict[str, frozenset[str]] = {}
     for first, second in pairs:

@@ -18,7 +18,13 @@ from foresight_env.games.kinds import is_vehicle
 from foresight_env.games.motion import driving_states
 from foresight_env.games.roads import Lane
 from foresight_env.scenarios.aachen import AACHEN_REGION, AACHEN_ROTATION
-from foresight_env.scenarios.intersection import Region, intersection_game
+from foresight_env.scenarios.intersection import (
+    Region,
+    Violation,
+    intersection_game,
+    violations,
+    without_violated,
+)
 from foresight_env.scenarios.junction import JUNCTION_REGION, LANES, PENALTY, WHEELBASE
 
 Site = Literal["auto", "aachen", "open"]
@@ -145,12 +151,25 @@ def fitted_game(case: Case, known: int, horizon: int) -> Game:
     """The game that is fitted when the first `known` steps are known.
 
     Cars follow the published lane they have kept to so far or, elsewhere, a line fitted to what
-    has been seen of them, straight on beyond it. The region is elastic: observed cars may be a
-    little beside it.
+    has been seen of them, straight on beyond it. Corners and sides that an agent was seen in do not
+    bind it (`contradictions`); the others are elastic.
     """
     lanes = tuple(None if walks else _lane(case, i, known) for i, walks in enumerate(case.walks))
-    region = JUNCTION_REGION if case.at_aachen else Region()
-    return intersection_game(case.kinds, lanes, region, horizon, case.dt, case.wheelbase, PENALTY)
+    found = contradictions(case, known)
+    regions = tuple(without_violated(_region(case), found[agent]) for agent in case.agents)
+    return intersection_game(case.kinds, lanes, regions, horizon, case.dt, case.wheelbase, PENALTY)
+
+
+def contradictions(case: Case, known: int) -> dict[str, tuple[Violation, ...]]:
+    """Return, per agent, the parts of the region that its first `known` steps contradict."""
+    return {
+        agent: violations(kind, _region(case), case.states[:known, i, :2])
+        for i, (agent, kind) in enumerate(zip(case.agents, case.kinds, strict=True))
+    }
+
+
+def _region(case: Case) -> Region:
+    return JUNCTION_REGION if case.at_aachen else Region()
 
 
 def _lane(case: Case, agent: int, known: int) -> Lane | None:

@@ -12,6 +12,7 @@ from foresight_env.datasets.ind import find_ind_recordings, read_ind, write_ind
 from foresight_env.datasets.interactions import Interaction, closest_crossings, find_interaction
 from foresight_env.datasets.reader import Format, open_recording, recordings_below
 from foresight_env.datasets.recording import Recording
+from foresight_env.datasets.routes import Route, ahead_of, learned_routes, routes_at
 from foresight_env.datasets.track import Track, Window
 from foresight_env.datasets.ucy import UCY_RATE, read_ucy, write_ucy
 
@@ -22,16 +23,20 @@ __all__ = [
     "Interaction",
     "Recording",
     "RecordingError",
+    "Route",
     "Track",
     "Window",
+    "ahead_of",
     "closest_crossings",
     "find_ind_recordings",
     "find_interaction",
+    "learned_routes",
     "open_recording",
     "read_dut",
     "read_ind",
     "read_ucy",
     "recordings_below",
+    "routes_at",
     "write_dut",
     "write_ind",
     "write_ucy",

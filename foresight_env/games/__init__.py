@@ -1,5 +1,6 @@
 """What a game is: dynamics, stage costs, discounting, constraints, observation models."""
 
+from foresight_env.games.conflict import Body, Conflict
 from foresight_env.games.constraints import (
     Bounds,
     Equality,
@@ -12,17 +13,25 @@ from foresight_env.games.costs import (
     Composite,
     Effort,
     Goal,
+    PreferredVelocity,
     SigmoidProximity,
     SquaredDistanceHinge,
     TargetSpeed,
 )
-from foresight_env.games.discounting import CustomDiscounting, Discounting, Exponential, Hyperbolic
+from foresight_env.games.discounting import (
+    CustomDiscounting,
+    Discounting,
+    Exponential,
+    ExponentialPerSecond,
+    Hyperbolic,
+)
 from foresight_env.games.dynamics import (
     CurvatureVehicle,
     DoubleIntegrator,
     Dynamics,
     KinematicBicycle,
     SlipBicycle,
+    SmoothVehicle,
     Vehicle,
 )
 from foresight_env.games.game import Game, Player, inside_bounds
@@ -38,20 +47,25 @@ from foresight_env.games.roads import (
     RoadSide,
 )
 from foresight_env.games.stage import stage_cost
-from foresight_env.games.steering import Steering
+from foresight_env.games.steering import Comfort, DrivingLimits, Steering
 
 __all__ = [
+    "Body",
     "Bounds",
     "Circle",
+    "Comfort",
     "Composite",
+    "Conflict",
     "CurvatureVehicle",
     "CustomDiscounting",
     "Discounting",
     "DoubleIntegrator",
+    "DrivingLimits",
     "Dynamics",
     "Effort",
     "Equality",
     "Exponential",
+    "ExponentialPerSecond",
     "FootprintProximity",
     "Game",
     "Goal",
@@ -67,12 +81,14 @@ __all__ = [
     "PathFollowing",
     "PermutationInvariant",
     "Player",
+    "PreferredVelocity",
     "RoadBoundary",
     "RoadSide",
     "SharedInequality",
     "SharedMinimumDistance",
     "SigmoidProximity",
     "SlipBicycle",
+    "SmoothVehicle",
     "SquaredDistanceHinge",
     "Steering",
     "TargetSpeed",

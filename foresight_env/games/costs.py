@@ -125,3 +125,15 @@ class TargetSpeed(PermutationInvariant):
     def __call__(self, i: int, t: StageNumber, x: States, u: Controls, theta: Theta) -> Scalar:
         error = x[i][2] - weight_value(self.target, theta)
         return weight_value(self.weight, theta) * error**2
+
+
+@dataclass(frozen=True)
+class PreferredVelocity(PermutationInvariant):
+    """`w * ||v - velocity||^2`, velocity (2,) in m/s from `theta`, of `[px, py, vx, vy]`."""
+
+    weight: Weight
+    velocity: str = "velocity"
+
+    def __call__(self, i: int, t: StageNumber, x: States, u: Controls, theta: Theta) -> Scalar:
+        error = x[i][2:4] - theta[self.velocity]
+        return weight_value(self.weight, theta) * squared_length(error)

@@ -49,6 +49,24 @@ class Exponential:
 
 
 @dataclass(frozen=True)
+class ExponentialPerSecond:
+    """`Gamma(t) = gamma**(t dt)`: the discount factor per second, whatever the step's length.
+
+    `gamma = 0.5` halves the weight of a cost with every second. `dt`: s per stage.
+    """
+
+    dt: float
+
+    limits: ClassVar[tuple[float, float]] = (1e-6, math.inf)
+
+    def weight(self, t: Float[Array, ""], gamma: Scalar) -> Scalar:
+        return gamma ** (t * self.dt)
+
+    def ratio(self, t: Float[Array, ""], gamma: Scalar) -> Scalar:
+        return gamma**self.dt
+
+
+@dataclass(frozen=True)
 class Hyperbolic:
     """`Gamma(t) = 1 / (1 + k t)` with `k = 1/gamma - 1`: people's discounting as psychology has it.
 

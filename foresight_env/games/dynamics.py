@@ -125,6 +125,42 @@ class CurvatureVehicle(Vehicle):
 
 
 @dataclass(frozen=True)
+class SmoothVehicle(Vehicle):
+    """Car whose acceleration and curvature change continuously; midpoint rule.
+
+    State `[px, py, v, psi, a, kappa]` (m, m/s, rad, m/s^2, 1/m), control `[jerk, curvature rate]`
+    (m/s^3, 1/(m s)). The curvature of the path stands for the steering angle `phi` of a car with
+    wheelbase `l`: `kappa = tan(phi) / l`.
+    """
+
+    dt: float
+
+    state_size: ClassVar[int] = 6
+
+    def __call__(
+        self, t: StageNumber, state: Float[Array, "6"], control: Float[Array, "2"]
+    ) -> Float[Array, "6"]:
+        _, _, speed, heading, acceleration, curvature = state
+        jerk, curvature_rate = control
+        half = 0.5 * self.dt
+        middle_acceleration = acceleration + half * jerk
+        middle_curvature = curvature + half * curvature_rate
+        middle = speed + half * acceleration + 0.5 * half**2 * jerk
+        turned = heading + half * middle * (curvature + 0.5 * half * curvature_rate)
+        rate = jnp.stack(
+            [
+                middle * jnp.cos(turned),
+                middle * jnp.sin(turned),
+                middle_acceleration,
+                middle * middle_curvature,
+                jerk,
+                curvature_rate,
+            ]
+        )
+        return state + self.dt * rate
+
+
+@dataclass(frozen=True)
 class SlipBicycle(Vehicle):
     """The car of highway-env (`vehicle.kinematics.Vehicle`): position in the middle, slip angle.
 

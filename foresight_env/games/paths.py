@@ -112,6 +112,68 @@ class PathFollowing(PermutationInvariant):
         return self.loss(self.residual(i, t, x, u, theta), theta)
 
 
+def arc_offset(anchor: Float[Array, "3"], curvature: Scalar, position: Float[Array, "2"]) -> Scalar:
+    """Distance (m) to the left of the circle, or line, that leaves a pose `[px, py, heading]`.
+
+    For a curvature `kappa` and a place at `(xi, eta)` in the pose's axes it is `(2 eta - kappa d^2)
+    / (1 + sqrt(1 - 2 kappa eta + kappa^2 d^2))`, `d^2 = xi^2 + eta^2`: no difference of large
+    numbers where the circle is nearly a line.
+    """
+    x, y = position[0] - anchor[0], position[1] - anchor[1]
+    across = jnp.cos(anchor[2]) * y - jnp.sin(anchor[2]) * x
+    squared = x**2 + y**2
+    # The root is kappa times the distance to the circle's middle, where it has no derivative.
+    root = jnp.maximum(1.0 - 2.0 * curvature * across + curvature**2 * squared, 1e-6)
+    return (2.0 * across - curvature * squared) / (1.0 + jnp.sqrt(root))
+
+
+@dataclass(frozen=True)
+class ArcFollowing(PermutationInvariant):
+    """`w * offset^2` from the arc that leaves the pose in `theta[anchor]` with a curvature there.
+
+    For drivers whose route is not known: they keep to the lane that they are in.
+    """
+
+    weight: Weight
+    curvature: Weight
+    anchor: str = "anchor"
+
+    def residual(
+        self, i: int, t: StageNumber, x: States, u: Controls, theta: Theta
+    ) -> Float[Array, "1"]:
+        bend = weight_value(self.curvature, theta)
+        return arc_offset(jnp.asarray(theta[self.anchor]), bend, x[i][:2])[None]
+
+    def loss(self, value: Float[Array, "1"], theta: Theta) -> Scalar:
+        return weight_value(self.weight, theta) * jnp.sum(value**2)
+
+    def __call__(self, i: int, t: StageNumber, x: States, u: Controls, theta: Theta) -> Scalar:
+        return self.loss(self.residual(i, t, x, u, theta), theta)
+
+
+@dataclass(frozen=True)
+class FromStage(PermutationInvariant):
+    """A `Composite` cost that counts from stage `theta[begin]` on.
+
+    A route that begins where a driver is now says nothing about the way there.
+    """
+
+    cost: PathFollowing | ArcFollowing
+    begin: str = "begin"
+
+    def residual(
+        self, i: int, t: StageNumber, x: States, u: Controls, theta: Theta
+    ) -> Float[Array, "r"]:
+        value = self.cost.residual(i, t, x, u, theta)
+        return jnp.where(t >= jnp.asarray(theta[self.begin]), value, 0.0)
+
+    def loss(self, value: Float[Array, "r"], theta: Theta) -> Scalar:
+        return self.cost.loss(value, theta)
+
+    def __call__(self, i: int, t: StageNumber, x: States, u: Controls, theta: Theta) -> Scalar:
+        return self.loss(self.residual(i, t, x, u, theta), theta)
+
+
 @dataclass(frozen=True)
 class LaneBounds(PermutationInvariant):
     """Constraint `half_width - |offset| >= 0` from the path in `theta`: its two sides (2,), m."""

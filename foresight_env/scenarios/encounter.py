@@ -14,14 +14,20 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from foresight_env.games.constraints import Bounds
-from foresight_env.games.costs import Effort, TargetSpeed, Weight, distances, weight_value
+from foresight_env.games.costs import (
+    Effort,
+    PreferredVelocity,
+    TargetSpeed,
+    Weight,
+    distances,
+    weight_value,
+)
 from foresight_env.games.dynamics import CurvatureVehicle, DoubleIntegrator
 from foresight_env.games.game import Game, Player
 from foresight_env.games.kinds import is_vehicle
 from foresight_env.games.permutation import PermutationInvariant
 from foresight_env.games.steering import Steering
 from foresight_env.games.types import Controls, Scalar, StageNumber, States, Theta
-from foresight_env.games.vectors import squared_length
 
 CRUISE_WEIGHT = 0.5
 CONTROL_WEIGHT = 1.0
@@ -48,18 +54,6 @@ def wanted_distance(kind: str, other: str) -> float:
         return VEHICLE_DISTANCE
     berth = VEHICLE_BERTH if is_vehicle(kind) or is_vehicle(other) else 0.0
     return berth + PERSONAL_SPACE.get(kind, 0.0) + PERSONAL_SPACE.get(other, 0.0)
-
-
-@dataclass(frozen=True)
-class Cruise(PermutationInvariant):
-    """`w * ||v - velocity||^2` with the wanted velocity (2,) in `theta`, m/s."""
-
-    weight: Weight
-    velocity: str = "velocity"
-
-    def __call__(self, i: int, t: StageNumber, x: States, u: Controls, theta: Theta) -> Scalar:
-        error = x[i][2:4] - theta[self.velocity]
-        return weight_value(self.weight, theta) * squared_length(error)
 
 
 @dataclass(frozen=True)
@@ -131,7 +125,7 @@ def encounter_game(kinds: tuple[str, ...], horizon: int, dt: float) -> Game:
     )
     walker = Player(
         DoubleIntegrator(dt),
-        (Cruise("cruise_weight"), Effort("control_weight"), *crowding),
+        (PreferredVelocity("cruise_weight"), Effort("control_weight"), *crowding),
         control_bounds=Bounds.box(-ACCELERATION_LIMIT, ACCELERATION_LIMIT, 2),
         extra_theta=ALONE_UNREAD,
     )

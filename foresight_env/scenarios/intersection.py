@@ -6,7 +6,8 @@ integrators. Corners, road sides and the edge of the region are constraints. Uni
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -58,6 +59,54 @@ class Region:
     high: Point = (np.inf, np.inf)
 
 
+class Violation(NamedTuple):
+    """A part of a region that an agent was seen in."""
+
+    part: str
+    """`"corner"` or `"side"`."""
+    number: int
+    """Of the part in its `Region`."""
+    depth: float
+    """How far inside the agent was, m."""
+
+
+def violations(
+    kind: str, region: Region, places: Float[np.ndarray, "K 2"]
+) -> tuple[Violation, ...]:
+    """Return the corners and road sides that an agent's observed places contradict.
+
+    Args:
+        kind: Of the agent; corners are smaller for those who walk, who have no road sides.
+        region: What is forbidden.
+        places: Where it was seen, m; NaN where it was not.
+    """
+    seen = places[~np.isnan(places).any(axis=1)]
+    walks = not is_vehicle(kind)
+    found = []
+    for index, corner in enumerate(region.corners):
+        radius = corner.radius * (PEDESTRIAN_SHRINK if walks else 1.0)
+        depth = radius - np.min(np.hypot(*(seen - corner.center).T), initial=np.inf)
+        if depth > 0.0:
+            found.append(Violation("corner", index, float(depth)))
+    if not walks and region.sides:
+        boundary = RoadBoundary(region.sides)
+        inside = np.array([boundary(0, 1, (place,), (), {}) for place in seen])
+        for index, depth in enumerate(-inside.min(axis=0, initial=np.inf)):
+            if depth > 0.0:
+                found.append(Violation("side", index, float(depth)))
+    return tuple(found)
+
+
+def without_violated(region: Region, found: Sequence[Violation]) -> Region:
+    """Return a region without the parts that an agent was seen in."""
+    out = {(violation.part, violation.number) for violation in found}
+    return replace(
+        region,
+        corners=tuple(c for k, c in enumerate(region.corners) if ("corner", k) not in out),
+        sides=tuple(s for k, s in enumerate(region.sides) if ("side", k) not in out),
+    )
+
+
 def player_theta(
     kind: str,
     goal: Any,
@@ -86,7 +135,7 @@ def player_theta(
 def intersection_game(
     kinds: tuple[str, ...],
     lanes: tuple[Lane | None, ...],
-    region: Region = Region(),
+    region: Region | tuple[Region, ...] = Region(),
     horizon: int = HORIZON,
     dt: float = DT,
     wheelbase: float = WHEELBASE,
@@ -97,7 +146,7 @@ def intersection_game(
     Args:
         kinds: per agent, "pedestrian" or a vehicle's kind.
         lanes: per agent, a car's lane; None for pedestrians and for cars without one.
-        region: what is forbidden.
+        region: what is forbidden, for all agents or one per agent.
         horizon: stages.
         dt: s per stage.
         wheelbase: of cars, m.
@@ -111,9 +160,12 @@ def intersection_game(
     for i, (kind, lane) in enumerate(zip(kinds, lanes, strict=True)):
         if not is_vehicle(kind) and lane is not None:
             raise ValueError(f"lanes[{i}]: agent {i} is a {kind}; only vehicles have a lane")
+    regions = (region,) * len(kinds) if isinstance(region, Region) else region
+    if len(regions) != len(kinds):
+        raise ValueError(f"region: has {len(regions)} entries; expected one, or one per agent")
     cars = tuple(i for i, kind in enumerate(kinds) if is_vehicle(kind))
     players = []
-    for kind, lane in zip(kinds, lanes, strict=True):
+    for kind, lane, allowed in zip(kinds, lanes, regions, strict=True):
         walks = not is_vehicle(kind)
         near = SigmoidProximity(
             "collision_distance", "collision_weight", SHARPNESS, cars if walks else None
@@ -125,9 +177,9 @@ def intersection_game(
             Player(
                 DoubleIntegrator(dt) if walks else KinematicBicycle(dt, wheelbase),
                 costs,
-                state_bounds=_state_bounds(kind, region),
+                state_bounds=_state_bounds(kind, allowed),
                 control_bounds=_control_bounds(walks),
-                inequalities=_region_constraints(walks, region, penalty),
+                inequalities=_region_constraints(walks, allowed, penalty),
                 name=kind,
                 extra_theta=() if walks else ("lane_weight",),  # of cars without a lane
             )

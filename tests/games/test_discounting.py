@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from foresight_env.games import CustomDiscounting, Exponential, Hyperbolic
+from foresight_env.games import CustomDiscounting, Exponential, ExponentialPerSecond, Hyperbolic
 from foresight_env.games.discounting import Discounting
 
 
@@ -14,7 +14,12 @@ def quasi_hyperbolic(t, gamma):
     return t * jnp.log(gamma) + jnp.where(t > 1, jnp.log(0.7), 0.0)
 
 
-FAMILIES = [Exponential(), Hyperbolic(), CustomDiscounting(quasi_hyperbolic)]
+FAMILIES = [
+    Exponential(),
+    ExponentialPerSecond(0.4),
+    Hyperbolic(),
+    CustomDiscounting(quasi_hyperbolic),
+]
 
 
 def both(family, gamma, stages=6):

@@ -6,9 +6,16 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
-from foresight_env.games import CurvatureVehicle, DoubleIntegrator, Dynamics, KinematicBicycle
+from foresight_env.games import (
+    CurvatureVehicle,
+    DoubleIntegrator,
+    Dynamics,
+    KinematicBicycle,
+    SmoothVehicle,
+)
 from foresight_env.games.arc import arc
 
 numbers = st.floats(-5.0, 5.0, width=32)
@@ -66,6 +73,29 @@ def test_a_vehicle_of_constant_curvature_stays_on_its_circle():
     np.testing.assert_allclose(np.array(errors[:-1]) / errors[1:], 4.0, rtol=0.05)
 
 
+def test_a_smooth_vehicle_integrates_its_jerk():
+    """Speed and acceleration exactly; places to second order, of a car that steers and brakes."""
+    state, control = np.array([0.0, 0.0, 8.0, 0.2, -1.0, 0.02]), np.array([0.5, 0.01])
+    after = moved(SmoothVehicle(0.4), state, control)
+    assert after[2] == pytest.approx(8.0 - 1.0 * 0.4 + 0.5 * 0.5 * 0.4**2)
+    assert after[4:] == pytest.approx([-0.8, 0.024])
+
+    def rate(_, s):
+        speed, heading, acceleration, curvature = s[2:]
+        moving = [speed * np.cos(heading), speed * np.sin(heading)]
+        return [*moving, acceleration, speed * curvature, *control]
+
+    exact = solve_ivp(rate, (0.0, 1.6), state, rtol=1e-10, atol=1e-12).y[:, -1]
+    errors = []
+    for steps in (4, 8, 16):
+        now = state
+        for _ in range(steps):
+            now = moved(SmoothVehicle(1.6 / steps), now, control)
+        errors.append(np.linalg.norm(now - exact))
+    assert errors[0] < 0.05
+    np.testing.assert_allclose(np.array(errors[:-1]) / errors[1:], 4.0, rtol=0.1)
+
+
 def test_arcs_by_hand():
     quarter = arc(np.array([1.0, 0.0]), np.pi / 2.0, np.array([0.0, 1.0, 2.0]))
     radius = 2.0 / np.pi
@@ -75,12 +105,14 @@ def test_arcs_by_hand():
 
 
 @pytest.mark.parametrize(
-    "dynamics", [DoubleIntegrator(0.1), KinematicBicycle(0.1), CurvatureVehicle(0.1)]
+    "dynamics",
+    [DoubleIntegrator(0.1), KinematicBicycle(0.1), CurvatureVehicle(0.1), SmoothVehicle(0.1)],
 )
 def test_linear_is_what_it_says(dynamics):
     """`linear` lets solvers skip second derivatives: they must vanish, and only then."""
     with jax.enable_x64(True):
-        point = jnp.array([0.3, -0.2, 1.1, 0.4, 0.5, 0.2])
-        second = jax.jacfwd(jax.jacfwd(lambda v: dynamics(1, v[:4], v[4:])))(point)
+        size = dynamics.state_size
+        point = jnp.array([0.3, -0.2, 1.1, 0.4, 0.5, 0.2, 0.1, 0.6])[: size + 2]
+        second = jax.jacfwd(jax.jacfwd(lambda v: dynamics(1, v[:size], v[size:])))(point)
     assert isinstance(dynamics, Dynamics)
     assert (np.asarray(second) == 0.0).all() == dynamics.linear

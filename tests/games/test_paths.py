@@ -8,7 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from foresight_env.games import FootprintProximity, LaneBounds, PathFollowing
-from foresight_env.games.paths import WINDOW, path_offset
+from foresight_env.games.paths import (
+    WINDOW,
+    ArcFollowing,
+    FromStage,
+    arc_offset,
+    path_offset,
+)
 
 SPACING = 2.0
 
@@ -96,3 +102,29 @@ def test_costs_and_constraints_by_hand():
         expected = 3.0 * sum(max(0.0, 4.0 - d) ** 2 for d in between)
         assert float(gap(0, 1, states, (), theta)) == pytest.approx(expected, rel=1e-6)
         assert float(gap(0, 1, states[:1], (), theta)) == 0.0
+
+
+@settings(deadline=None, max_examples=25)
+@given(st.floats(-30.0, 30.0), st.floats(-3.0, 3.0), st.sampled_from([-0.1, -1e-9, 0.0, 0.05]))
+def test_offsets_from_an_arc_are_distances_to_its_circle(along, beside, curvature):
+    """Of a pose anywhere; a line where the curvature is 0."""
+    pose = np.array([4.0, -2.0, 0.7])
+    turned = curvature * along
+    # By arc length: straight on in the limit of no curvature.
+    ahead = along * np.sinc(turned / np.pi)
+    left = 0.5 * along * turned * np.sinc(turned / (2 * np.pi)) ** 2
+    heading = pose[2] + turned
+    axes = np.array([[np.cos(0.7), -np.sin(0.7)], [np.sin(0.7), np.cos(0.7)]])
+    place = pose[:2] + axes @ np.array([ahead, left])
+    place += beside * np.array([-np.sin(heading), np.cos(heading)])
+    with jax.enable_x64(True):
+        found = float(arc_offset(jnp.asarray(pose), jnp.asarray(curvature), jnp.asarray(place)))
+    assert found == pytest.approx(beside, abs=1e-6)
+
+
+def test_routes_count_from_their_stage_on():
+    cost = FromStage(ArcFollowing(2.0, "curvature"))
+    theta = {"anchor": np.zeros(3), "curvature": 0.0, "begin": 3.0}
+    state = (jnp.array([5.0, 0.5, 1.0, 0.0]),)
+    paid = [float(cost(0, t, state, (), theta)) for t in (1, 2, 3, 4)]
+    assert paid == pytest.approx([0.0, 0.0, 0.5, 0.5])

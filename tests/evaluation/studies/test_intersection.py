@@ -11,9 +11,11 @@ from typer.testing import CliRunner
 from evaluation.cli import app as command_line
 from evaluation.reports.intersection import (
     error_over_noise,
+    print_compared_gammas,
+    print_comparison,
     print_errors,
     print_gammas,
-    print_predictions,
+    print_violations,
     snapshot,
 )
 from evaluation.reports.page import write_report
@@ -24,11 +26,19 @@ from evaluation.studies.intersection import (
     least_observed,
     observe,
     observed_steps,
-    predict,
     straight,
     study,
 )
-from evaluation.windows.intersection import Case, Choice, WindowError, difference, fitted_game, load
+from evaluation.studies.junction_comparison import compare
+from evaluation.windows.intersection import (
+    Case,
+    Choice,
+    WindowError,
+    contradictions,
+    difference,
+    fitted_game,
+    load,
+)
 from foresight_env.scenarios.junction import LANES
 
 
@@ -118,7 +128,7 @@ def test_predictions_begin_when_all_agents_have_been_observed():
     case = case_of(states)
     assert least_observed(case) == 6
     with pytest.raises(ValueError, match="--at: is 4; expected 6 to 7 observed steps"):
-        predict(case, 4, "goals")
+        compare(case, 4)
 
 
 def test_the_default_moment_fits_the_window():
@@ -164,17 +174,29 @@ def test_a_small_study(folder, tmp_path, monkeypatch):
         study(tmp_path / "rows", choice, 1, 3, parameters="all", **settings)
     monkeypatch.undo()
     case = load(choice)
-    predictions = predict(case, 5, "goals")
-    assert [p.method for p in predictions] == list(METHODS)
+    predictions = compare(case, 5)
+    assert [(p.game, p.method) for p in predictions] == [
+        ("published", "infer-gamma"),
+        ("published", "assume-gamma-1"),
+        ("realistic", "infer-gamma"),
+        ("realistic", "assume-gamma-1"),
+        ("", "constant-velocity"),
+    ]
+    assert all(p.fit_solved and p.prediction_solved for p in predictions)
+    assert [p.gamma is not None for p in predictions] == [True, False, True, False, False]
+    fits = {p.game: p.fit_squared for p in predictions if p.method == "infer-gamma"}
+    assert fits["published"] == pytest.approx(errors["infer-gamma"])
+    assert fits["realistic"] < predictions[-1].fit_squared
     for p in predictions:
         gap = np.linalg.norm(p.states[5:, :, :2] - case.states[5:, :, :2], axis=2)
         assert p.average_error == pytest.approx(gap.mean())
     console = Console(record=True, width=100)
     print_errors(console, rows)
     print_gammas(console, rows)
-    print_predictions(console, case, 5, predictions)
+    print_comparison(console, case, 5, predictions)
+    print_compared_gammas(console, case, predictions)
     told = console.export_text()
-    for word in ("infer-gamma", "constant-velocity", "pedestrian", "Observed 5 steps"):
+    for word in ("infer-gamma", "constant-velocity", "pedestrian", "from 5 steps", "realistic"):
         assert word in told
     for path in (
         error_over_noise(rows, tmp_path / "errors.png"),
@@ -188,7 +210,25 @@ def test_a_small_study(folder, tmp_path, monkeypatch):
         assert word in page
     assert (tmp_path / "figures" / "rows_snapshot.pdf").stat().st_size > 1000
     with pytest.raises(ValueError, match="--at"):
-        predict(case, 8, "goals")
+        compare(case, 8)
+
+
+def test_parts_of_the_region_that_a_car_was_seen_in_do_not_bind_it(folder):
+    """The made window lies on the road; moved beside it, its car drops what it contradicts."""
+    case = load(Choice(folder, TRACKS, FRAMES, 6, "07"))
+    assert not any(contradictions(case, len(case.states)).values())
+    moved = np.array(case.states)
+    moved[:, 3, 0] += 6.0  # the car that goes straight on, over the eastern side of its road
+    beside = case._replace(states=moved)
+    found = contradictions(beside, len(case.states))
+    assert [bool(found[agent]) for agent in TRACKS] == [False, False, False, True]
+    rows = [
+        sum(c.size for c in p.inequalities) for p in fitted_game(beside, len(moved), 27).players
+    ]
+    assert rows[2] - rows[3] == len(found[TRACKS[3]])
+    console = Console(record=True, width=100)
+    print_violations(console, found)
+    assert f"{TRACKS[3]}: recorded" in console.export_text()
 
 
 def test_the_command_chooses_a_moment_that_fits(folder, tmp_path, monkeypatch):
@@ -201,7 +241,7 @@ def test_the_command_chooses_a_moment_that_fits(folder, tmp_path, monkeypatch):
         chosen.append((len(case.states), known))
         raise ValueError("enough")
 
-    monkeypatch.setattr(intersection_study, "predict", predicted)
+    monkeypatch.setattr("evaluation.cli.demonstration.compare", predicted)
     command = ["evaluate", "intersection", "--data", folder, "--tracks", "201,205"]
     command += ["--frames", "26158:26200", "--out", str(tmp_path / "out")]
     assert CliRunner().invoke(command_line.app, command).stderr == "foresight: enough\n"

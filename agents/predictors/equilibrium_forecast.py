@@ -1,0 +1,76 @@
+"""From a fitted game to a forecast: positions at its equilibrium, and how certain they are."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+
+from agents.interfaces.predictor import Forecast, History
+from agents.predictors.kinematic import ConstantVelocityPredictor
+from foresight_env.equilibrium import Status
+from foresight_env.games.kinds import is_vehicle
+from foresight_env.inverse import Estimate
+
+IMPLAUSIBLE = 30.0
+"""Squared deviations per observed number beyond which a fit explains nothing: good ones leave about
+one half, a search that was lost hundreds."""
+LEAST_STEPS = 2
+"""Observations that a fit needs."""
+
+
+def straight_on(history: History, steps: int) -> Forecast:
+    """Return the forecast of constant velocity, marked as a fallback."""
+    straight = ConstantVelocityPredictor().predict(history, steps)
+    return Forecast(straight.positions, straight.probabilities, fallback=True)
+
+
+def equilibrium_forecast(
+    found: Estimate, history: History, steps: int, departures: Float[np.ndarray, "P N 2 2"]
+) -> Forecast:
+    """Return the forecast of a fit that covers the history and `steps` more.
+
+    Args:
+        found: The fit.
+        history: What it was made of.
+        steps: P.
+        departures: Covariance of agents' departures from the equilibrium, m^2; that of the
+            uncertain parameters is added.
+
+    Returns:
+        The equilibrium's positions; constant velocity as a fallback where the fit failed or
+        explains nothing.
+    """
+    numbers = np.count_nonzero(~np.isnan(history.states))
+    if int(found.status) != Status.SOLVED or found.cost > IMPLAUSIBLE * numbers:
+        return straight_on(history, steps)
+    future = slice(len(history.states), None)
+    path = np.stack([s[future, :2] for s in found.solution.states], axis=1)
+    return Forecast(
+        path[None],
+        np.ones(1),
+        (_covariance(found, future) + departures)[None],
+        found.gamma,
+        found.gamma_deviation,
+        found.gamma_identifiable,
+    )
+
+
+def _covariance(found: Estimate, future: slice) -> Float[np.ndarray, "P N 2 2"]:
+    """Covariance of predicted positions that the uncertain parameters leave."""
+    rates = found.state_jacobian[future]
+    begins = np.cumsum([0, *(s.shape[1] for s in found.solution.states)])[:-1]
+    blocks = [rates[:, b : b + 2] for b in begins]
+    return np.stack([np.einsum("tap,pq,tbq->tab", j, found.covariance, j) for j in blocks], axis=1)
+
+
+def wandering(
+    walking: float, driving: float, history: History, steps: int
+) -> Float[np.ndarray, "P N 2 2"]:
+    """Covariance of agents' departures from the equilibrium after 1..P steps, m^2.
+
+    White acceleration, integrated twice (Bar-Shalom et al., "Estimation with Applications to
+    Tracking and Navigation", 2001, section 6.2). `walking`, `driving`: its density, m^2/s^3.
+    """
+    density = [driving if is_vehicle(kind) else walking for kind in history.kinds]
+    times = history.dt * np.arange(1, steps + 1)
+    return np.asarray(np.multiply.outer(np.outer(times**3 / 3.0, density), np.eye(2)))
