@@ -19,8 +19,8 @@ class Context:
     """What is known of the place; predictors may ignore it."""
 
     routes: tuple[Float[np.ndarray, "_ _"], ...] = ()
-    """Ways that vehicles take: points `[px, py, heading, curvature]` (M, 4), 1 m apart (m, rad, 1/m).
-    Where there is no map they are learned from earlier traffic."""
+    """Ways that vehicles take: (M, 4) points `[px, py, heading, curvature]` (m, m, rad, 1/m), 1 m
+    apart. Where there is no map they are learned from earlier traffic."""
     frequencies: Float[np.ndarray, "R"] = field(default_factory=lambda: np.zeros(0))
     """How many vehicles took each route."""
 

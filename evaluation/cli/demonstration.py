@@ -234,6 +234,7 @@ def evaluate_prediction(
     data: Path | None,
     predictors: Sequence[str],
     split: str,
+    windows: str,
     workers: Workers,
     out: Path,
 ) -> None:
@@ -244,7 +245,9 @@ def evaluate_prediction(
         console.print(
             "No --data given: this recording was made by the project itself, in the DUT format."
         )
-    rows = prediction.study(out / "study", data, predictors, split=split, workers=workers)
+    rows = prediction.study(
+        out / "study", data, predictors, split=split, windows=windows, workers=workers
+    )
     print_prediction(console, rows)
     _tell(console, error_over_time(rows, out / "error_over_time.png"))
 

@@ -202,6 +202,10 @@ def evaluate_intersection(
     )
 
 
+Windows = Literal["interacting", "all"]
+"""Which windows of recordings are predicted."""
+
+
 @evaluate.command("prediction")
 @plain_errors
 def evaluate_prediction(
@@ -224,6 +228,13 @@ def evaluate_prediction(
             help="development: the recordings that settings were chosen on; test: all others."
         ),
     ] = "all",
+    windows: Annotated[
+        Windows,
+        typer.Option(
+            help="interacting: agents whose paths cross soon; all: every moving agent, in groups "
+            "of those near each other."
+        ),
+    ] = "interacting",
     workers: WorkersOption = None,
     cluster: ClusterOption = None,
     out: OutOption = Path("results/prediction"),
@@ -232,4 +243,6 @@ def evaluate_prediction(
     names = chosen_agents("--predictors", predictors, PREDICTOR_NAMES)
     from evaluation.cli import demonstration
 
-    demonstration.evaluate_prediction(data, names, split, chosen_workers(workers, cluster), out)
+    demonstration.evaluate_prediction(
+        data, names, split, windows, chosen_workers(workers, cluster), out
+    )

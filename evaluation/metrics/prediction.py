@@ -13,6 +13,7 @@ from evaluation.metrics.trajectory import (
     best_displacement,
     displacement,
     displacement_until,
+    lateral_acceleration,
     missed,
     negative_log_likelihood,
 )
@@ -95,6 +96,11 @@ def judged(
         ],
         "gamma": [] if forecast.gamma is None else forecast.gamma.tolist(),
     }
+    last = [history.states[history.seen(i)[-1], i, :2] for i in range(truth.shape[1])]
+    for name, positions in (("predicted", path), ("recorded", truth)):
+        row[f"agent_lateral_{name}"] = [
+            lateral_acceleration(positions[:, i], last[i], history.dt) for i in range(len(last))
+        ]
     best = best_displacement(forecast.positions, forecast.probabilities, truth, present, MODES)
     row["best_average_error"], row["best_final_error"] = best
     row["nll"] = None
@@ -105,4 +111,10 @@ def judged(
     for seconds in SECONDS:
         until = displacement_until(path, truth, present, history.dt, seconds)
         row[f"ade_{seconds:g}"], row[f"fde_{seconds:g}"] = until
+        each = [
+            displacement_until(path[:, [i]], truth[:, [i]], present[:, [i]], history.dt, seconds)
+            for i in range(truth.shape[1])
+        ]
+        for name, values in zip(("ade", "fde"), zip(*each, strict=True), strict=True):
+            row[f"agent_{name}_{seconds:g}"] = list(values)
     return row

@@ -164,3 +164,21 @@ def comfort(states: Float[np.ndarray, "K 4"], dt: float) -> Comfort:
         return float(np.sqrt(np.mean(values**2)))
 
     return Comfort(size(acceleration), size(np.diff(acceleration) / dt), size(across))
+
+
+def lateral_acceleration(
+    path: Float[np.ndarray, "P 2"], start: Float[np.ndarray, "2"], dt: float
+) -> float:
+    """Largest lateral acceleration along a path from `start`, m/s^2; NaN steps do not count.
+
+    Change of the direction of travel between two steps, times the speed: 0 where the agent moves
+    less than `STANDING` m/s, NaN where there are no two steps.
+    """
+    steps = np.diff(np.vstack([start, path]), axis=0)
+    speed = np.hypot(*steps.T) / dt
+    turn = np.diff(np.arctan2(steps[:, 1], steps[:, 0]))
+    turn = np.mod(turn + np.pi, 2.0 * np.pi) - np.pi
+    pace = np.minimum(speed[1:], speed[:-1])
+    across = np.where(pace > STANDING, np.abs(turn) * pace / dt, 0.0)
+    seen = ~np.isnan(turn)
+    return float(across[seen].max()) if seen.any() else float("nan")

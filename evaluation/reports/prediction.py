@@ -23,8 +23,8 @@ from evaluation.reports.naming import colour_of, label_of
 from evaluation.windows.table import WINDOW
 from foresight_env.games.kinds import is_vehicle
 
-FIRST = "encounter-game"
-"""What the others are compared with, where it is among them."""
+FIRST = ("junction-game", "encounter-game")
+"""Which predictor the others are compared with: the first of these that there is."""
 
 Part = tuple[str, str]
 """Data set and split."""
@@ -44,7 +44,8 @@ def _name(part: Part) -> str:
 def predictors(rows: Sequence[Row]) -> list[str]:
     """Which predictors there are, the one that others are compared with first."""
     names = list(dict.fromkeys(r["predictor"] for r in rows))
-    return sorted(names, key=lambda name: (name != FIRST, name != "encounter-game-gamma-1", name))
+    first = next((name for name in FIRST if name in names), "")
+    return sorted(names, key=lambda name: (name != first, name))
 
 
 def _of(rows: Sequence[Row], part: Part, predictor: str) -> list[Row]:
@@ -146,6 +147,23 @@ def likelihoods(rows: Sequence[Row]) -> list[Line]:
 
 def differences(rows: Sequence[Row]) -> list[Line]:
     """ADE of the first predictor minus each other's, on the same windows."""
+    return _differences(rows, "ADE [m]", lambda row: float(row["average_error"]))
+
+
+def class_differences(rows: Sequence[Row]) -> list[Line]:
+    """The same for vehicles and for people alone: mean over a window's agents of the class."""
+    lines: list[Line] = []
+    for name, chosen in CLASSES.items():
+
+        def error(row: Row, chosen: Callable[[str], bool] = chosen) -> float:
+            agents = zip(row["agent_errors"], row["kinds"], strict=True)
+            return _mean(np.array([e for e, kind in agents if chosen(kind)], dtype=float))
+
+        lines += [{"class": name, **line} for line in _differences(rows, "ADE [m]", error)]
+    return lines
+
+
+def _differences(rows: Sequence[Row], column: str, error: Callable[[Row], float]) -> list[Line]:
     lines: list[Line] = []
     for part in parts(rows):
         names = predictors(rows)
@@ -154,57 +172,87 @@ def differences(rows: Sequence[Row]) -> list[Line]:
             second = _of(rows, part, other)
             if not first or len(first) != len(second):
                 continue
-            gap = _column(first, "average_error") - _column(second, "average_error")
-            groups = [r["group"] for r in first]
-            interval = clustered_interval(gap, groups)
-            enough = len(set(groups)) >= LEAST_GROUPS
+            pairs = [
+                (error(a), error(b), str(a["group"])) for a, b in zip(first, second, strict=True)
+            ]
+            pairs = [pair for pair in pairs if not np.isnan(pair[:2]).any()]
+            told = "-"
+            if pairs:
+                gap = np.array([a - b for a, b, _ in pairs])
+                groups = [group for *_, group in pairs]
+                interval = clustered_interval(gap, groups)
+                told = f"{interval.mean:+.3f}" + (
+                    f" [{interval.low:+.3f}, {interval.high:+.3f}]"
+                    if len(set(groups)) >= LEAST_GROUPS
+                    else " (too few groups)"
+                )
             lines.append(
                 {
                     "data": _name(part),
                     f"{label_of(names[0])} minus": label_of(other),
-                    "windows": len(gap),
-                    "groups": len(set(groups)),
-                    "ADE [m]": f"{interval.mean:+.3f}"
-                    + (
-                        f" [{interval.low:+.3f}, {interval.high:+.3f}]"
-                        if enough
-                        else " (too few groups)"
-                    ),
-                    "won": f"{np.mean(gap < 0.0):.0%}",
+                    "windows": len(pairs),
+                    "groups": len({group for *_, group in pairs}),
+                    column: told,
+                    "won": f"{np.mean([a < b for a, b, _ in pairs]):.0%}" if pairs else "-",
                 }
             )
     return lines
 
 
 def by_class(rows: Sequence[Row]) -> list[Line]:
-    """Mean ADE of people and of vehicles."""
+    """A line per class of agent and predictor: mean ADE, and ADE / FDE at the times."""
     lines: list[Line] = []
     for part in parts(rows):
-        for predictor in predictors(rows):
-            mine = _of(rows, part, predictor)
-            errors = {
-                name: np.array(
-                    [
-                        e
-                        for r in mine
-                        for e, kind in zip(r["agent_errors"], r["kinds"], strict=True)
-                        if chosen(kind)
-                    ]
-                )
-                for name, chosen in CLASSES.items()
-            }
-            if mine:
+        for name, chosen in CLASSES.items():
+            for predictor in predictors(rows):
+                mine = _of(rows, part, predictor)
+                errors = _of_class(mine, "agent_errors", chosen)
+                if not len(errors):
+                    continue
                 lines.append(
                     {
                         "data": _name(part),
+                        "class": name,
                         "predictor": label_of(predictor),
+                        "agents": len(errors),
+                        "ADE [m]": f"{_mean(errors):.3f}",
                         **{
-                            f"{name}: ADE [m]": f"{_mean(e):.3f} (n = {len(e)})" if len(e) else "-"
-                            for name, e in errors.items()
+                            f"{t:g} s: ADE / FDE [m]": " / ".join(
+                                f"{_mean(_of_class(mine, f'agent_{kind}_{t:g}', chosen)):.2f}"
+                                for kind in ("ade", "fde")
+                            )
+                            for t in SECONDS
                         },
+                        "lateral acceleration, p99 (recorded) [m/s^2]": " ".join(
+                            told.format(_quantile(_of_class(mine, column, chosen)))
+                            for told, column in (
+                                ("{:.1f}", "agent_lateral_predicted"),
+                                ("({:.1f})", "agent_lateral_recorded"),
+                            )
+                        ),
                     }
                 )
     return lines
+
+
+def _quantile(values: Float[np.ndarray, "n"]) -> float:
+    known = values[~np.isnan(values)]
+    return float(np.percentile(known, 99)) if known.size else float("nan")
+
+
+def _of_class(
+    rows: Sequence[Row], column: str, chosen: Callable[[str], bool]
+) -> Float[np.ndarray, "n"]:
+    """A column's entries of the agents of a class."""
+    return np.array(
+        [
+            entry
+            for row in rows
+            for entry, kind in zip(row[column], row["kinds"], strict=True)
+            if chosen(kind)
+        ],
+        dtype=float,
+    )
 
 
 CLASSES: dict[str, Callable[[str], bool]] = {
@@ -221,6 +269,7 @@ def print_prediction(console: Console, rows: Sequence[Row]) -> None:
         ("several futures, and how likely they are", likelihoods(rows)),
         ("on the same windows", differences(rows)),
         ("by class of agent", by_class(rows)),
+        ("by class of agent, on the same windows", class_differences(rows)),
     ):
         for part in dict.fromkeys(line["data"] for line in lines):
             mine = [{k: v for k, v in e.items() if k != "data"} for e in lines if e["data"] == part]

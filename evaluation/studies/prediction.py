@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 from pathlib import Path
 
@@ -26,6 +26,7 @@ from evaluation.windows.interaction import (
     interaction_windows,
     split_of,
 )
+from evaluation.windows.nearby import nearby_windows
 from evaluation.windows.table import WINDOW, with_windows, write_windows
 from foresight_env.datasets import Recording, open_recording, recordings_below
 
@@ -39,6 +40,12 @@ RULE = (
     "LEAST_PREDICTED",
     "MOST_AGENTS",
 )
+
+RULES: dict[str, Callable[[Recording], tuple[PredictionWindow, ...]]] = {
+    "interacting": interaction_windows,
+    "all": nearby_windows,
+}
+"""How windows are chosen."""
 
 Place = tuple[str, str | None]
 """A directory or file, and the recording's name in it."""
@@ -86,14 +93,19 @@ def study(
     predictors: Sequence[str],
     *,
     split: str = "all",
+    windows: str = "interacting",
     workers: Workers = None,
     fresh: bool = False,
 ) -> list[Row]:
     """Run the study in `folder` on every recording below `data` and return its rows.
 
-    `split`: "development", "test" or "all". Windows that the folder has already are not run again.
-    Raises `RecordingError` for bad data, `ValueError` where nobody interacts.
+    `split`: "development", "test" or "all". `windows`: "interacting", of agents whose paths cross
+    (`windows.interaction`), or "all" that move (`windows.nearby`). Windows that the folder has
+    already are not run again. Raises `RecordingError` for bad data, `ValueError` where there is no
+    window.
     """
+    if windows not in RULES:
+        raise ValueError(f"windows: is {windows!r}; expected {' or '.join(RULES)}")
     if split not in ("development", "test", "all"):
         raise ValueError(f"split: is {split!r}; expected development, test or all")
     settings = {name: fingerprint(make_predictor(name)) for name in predictors}
@@ -105,16 +117,16 @@ def study(
         if split in ("all", split_of(recording.name)):
             names.append(recording.name)
             content = _digest(recording)
-            found += [(w, recording.source, content, place) for w in interaction_windows(recording)]
+            found += [(w, recording.source, content, place) for w in RULES[windows](recording)]
     if not found:
         raise ValueError(
-            f"--data: nobody interacts in the recordings of {data} (split {split}: "
+            f"--data: no window in the recordings of {data} (windows {windows}, split {split}: "
             f"{', '.join(names) or 'none'})"
         )
-    rule = {name: getattr(prediction_window, name) for name in RULE}
+    rule = {name: getattr(prediction_window, name) for name in RULE} | {"windows": windows}
     store = Store(folder, "prediction", rule, KEY, fresh=fresh)
     trials: list[Trial] = []
-    windows: list[Row] = []
+    described: list[Row] = []
     groups = connected([w for w, *_ in found])
     for (window, source, content, place), group in zip(found, groups, strict=True):
         identity = {
@@ -123,7 +135,7 @@ def study(
             "frame": window.frame,
             "agents": ",".join(window.agents),
         }
-        windows.append(
+        described.append(
             {
                 **identity,
                 "source": source,
@@ -137,7 +149,7 @@ def study(
             {**identity, "predictor": name, "settings": settings[name], "place": place}
             for name in predictors
         ]
-    write_windows(store.folder, windows)
+    write_windows(store.folder, described)
     rows = run_trials(
         run_window,
         trials,

@@ -13,6 +13,7 @@ from evaluation.metrics.trajectory import (
     comfort,
     displacement,
     displacement_until,
+    lateral_acceleration,
     missed,
     negative_log_likelihood,
     trajectory_error,
@@ -157,3 +158,19 @@ def test_trajectory_error_is_symmetric_and_scales(one, other):
     assert error == trajectory_error(other, one)
     assert error >= 0.0
     assert trajectory_error(2.0 * one, 2.0 * other) == pytest.approx(4.0 * error)
+
+
+def test_lateral_acceleration_on_a_circle():
+    """v^2 / r, to second order in the step; 0 on a line and where an agent stands."""
+    radius, speed, dt = 20.0, 5.0, 0.1
+    angles = speed * dt / radius * np.arange(1, 30)
+    circle = radius * np.stack([np.sin(angles), 1.0 - np.cos(angles)], axis=1)
+    found = lateral_acceleration(circle, np.zeros(2), dt)
+    assert found == pytest.approx(speed**2 / radius, rel=1e-3)
+    line = np.arange(1.0, 9.0)[:, None] * np.array([0.3, 0.4])
+    assert lateral_acceleration(line, np.zeros(2), dt) == pytest.approx(0.0, abs=1e-9)
+    assert np.isnan(lateral_acceleration(circle[:1], np.zeros(2), dt))  # no two steps
+    trembling = 1e-3 * np.random.default_rng(0).standard_normal((8, 2))
+    assert lateral_acceleration(trembling, np.zeros(2), dt) == 0.0
+    circle[20:] = np.nan  # it has left
+    assert lateral_acceleration(circle, np.zeros(2), dt) == pytest.approx(found)

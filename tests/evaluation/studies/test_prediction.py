@@ -21,7 +21,8 @@ from evaluation.windows.interaction import (
     interaction_windows,
     split_of,
 )
-from foresight_env.datasets import write_ucy
+from evaluation.windows.nearby import nearby_windows
+from foresight_env.datasets import Recording, Track, write_ucy
 from tests.support.made_crossings import FRAMES, RATE, recording, two_people, walk
 
 
@@ -91,6 +92,38 @@ def test_groups_stay_small():
     assert len(set(connected(windows))) == 1
 
 
+def test_all_windows_hold_everybody_who_moves():
+    """Once each at every moment, near ones together; those who stand are left out."""
+    made = recording(
+        walk("1", (-10.0, 0.0), (1.25, 0.0), FRAMES),
+        walk("2", (-10.0, 2.0), (1.25, 0.0), FRAMES),
+        walk("3", (500.0, 0.0), (1.25, 0.0), FRAMES),
+        walk("4", (-8.0, 0.0), (0.0, 0.0), FRAMES),
+    )
+    windows = nearby_windows(made)
+    moments = {w.frame for w in windows}
+    assert len(moments) > 5
+    for frame in moments:
+        assert sorted(w.agents for w in windows if w.frame == frame) == [("1", "2"), ("3",)]
+    assert nearby_windows(recording()) == ()
+
+
+def test_histories_know_the_routes_of_earlier_traffic():
+    """A car that has left shows the way; one that is still there does not."""
+    rate, seen = 10.0, np.arange(60)
+    places = np.stack([0.5 * seen, 0.0 * seen], axis=1)
+    velocity = np.tile([5.0, 0.0], (60, 1))
+    cars = tuple(
+        Track(name, "car", first + seen, places, velocity, 0.0 * seen)
+        for name, first in (("a", 0), ("b", 70))
+    )
+    made = Recording("made", "dut", rate, cars)
+    assert cut(made, ["a"], 40).history.context.routes == ()
+    context = cut(made, ["b"], 110).history.context
+    assert context.frequencies.tolist() == [1.0]
+    np.testing.assert_allclose(context.routes[0][:, 1], 0.0, atol=1e-9)
+
+
 def test_splits_share_no_recording():
     assert split_of(DEVELOPMENT[0]) == "development"
     assert split_of("intersection_15") == split_of("zara02") == "test"
@@ -128,8 +161,12 @@ def test_every_window_has_a_row_for_everybody(tmp_path, data, monkeypatch):
 def test_bad_requests(tmp_path, data):
     with pytest.raises(ValueError, match="split: is 'some'; expected development, test or all"):
         study(tmp_path / "a", data, SIMPLE, split="some")
-    with pytest.raises(ValueError, match=r"nobody interacts in .* \(split development: none\)"):
+    with pytest.raises(
+        ValueError, match=r"no window in .* \(windows interacting, split development: none\)"
+    ):
         study(tmp_path / "b", data, SIMPLE, split="development")
+    with pytest.raises(ValueError, match="windows: is 'some'; expected interacting or all"):
+        study(tmp_path / "d", data, SIMPLE, windows="some")
     with pytest.raises(ValueError, match="predictor: 'magic' is unknown"):
         study(tmp_path / "c", data, ("magic",))
     assert not list(tmp_path.iterdir())
