@@ -103,8 +103,9 @@ def same_best_response(game: Game, thetas: tuple[Theta, ...]) -> tuple[range, ..
 
     def same(i: int, j: int) -> bool:
         first, second = (replace(game.players[k], name="") for k in (i, j))
-        constraints = (*first.inequalities, *first.equalities)
-        parts = (*first.costs, *first.undiscounted_costs, *(c.function for c in constraints))
+        parts: list[Any] = [*first.costs, *first.undiscounted_costs]
+        parts += [c.function for c in first.inequalities]
+        parts += [c.function for c in first.equalities]
         return (
             not game.shared
             and first == second
