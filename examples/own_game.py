@@ -49,7 +49,7 @@ def draw(random):
     return states, theta, random.uniform(0.3, 1.0, 2)
 
 
-def main(episodes=1000):
+def main():
     """Solve, verify, infer, solve many; returns true and inferred discount factors."""
     game = lane_change()
     states, theta, gamma = draw(np.random.default_rng(1))
@@ -63,10 +63,10 @@ def main(episodes=1000):
     )  # fmt: skip
     for i, (mean, deviation) in enumerate(zip(found.gamma, found.gamma_deviation, strict=True)):
         print(f"gamma of car {i}: {mean:.2f} +- {deviation:.2f}, true {gamma[i]:.2f}")
-    drawn = [draw(np.random.default_rng(k)) for k in range(episodes)]
+    drawn = [draw(np.random.default_rng(k)) for k in range(1000)]
     initial_state, thetas, gammas = zip(*drawn, strict=True)
     many = solve_many(game, np.stack(initial_state), thetas, np.stack(gammas))
-    print(f"solved {np.mean(many.status == Status.SOLVED):.1%} of {episodes}")
+    print(f"solved {np.mean(many.status == Status.SOLVED):.1%} of 1000")
     return gamma, found.gamma
 
 

@@ -14,11 +14,11 @@ def example(name):
 
 
 def test_own_game(capsys):
-    true, inferred = example("own_game")["main"](episodes=100)
+    true, inferred = example("own_game")["main"]()
     np.testing.assert_allclose(inferred, true, atol=0.1)
     told = capsys.readouterr().out
     assert "local equilibrium: True" in told
-    assert "solved 100.0% of 100" in told
+    assert "solved 100.0% of 1000" in told
 
 
 def test_online():
