@@ -117,27 +117,6 @@ def test_the_changelog_tells_of_this_version():
     assert re.findall(r"^version: (.*)$", citation, re.MULTILINE) == [released[0]]
 
 
-def blocks():
-    """Python code blocks of the documentation, file by file."""
-    files = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
-    found = {}
-    for path in files:
-        if path.exists():
-            code = re.findall(
-                r"^```python\n(.*?)^```", path.read_text(encoding="utf-8"), re.M | re.S
-            )
-            if code:
-                found[path.relative_to(ROOT).as_posix()] = "\n".join(code)
-    return found
-
-
-@pytest.mark.parametrize("name", list(blocks()))
-def test_documented_code_runs(name, tmp_path, monkeypatch):
-    """All blocks of a file, one after the other, in one namespace."""
-    monkeypatch.chdir(tmp_path)
-    exec(compile(blocks()[name], name, "exec"), {"__name__": "__main__"})
-
-
 def commands():
     """Lines that call `foresight` in shell blocks and tables of the documentation."""
     found = []
@@ -178,9 +157,3 @@ def test_links_within_the_site_are_kept(page, link, kept):
     made = runpy.run_path(str(ROOT / "docs" / "mathml.py"))["on_page_markdown"]
     told = made(f"See [it]({link}).", SimpleNamespace(file=SimpleNamespace(src_uri=page)))
     assert told == (f"See [it]({link})." if kept else "See it.")
-
-
-def test_there_is_documented_code():
-    assert {"docs/defining_a_game.md", "docs/intersection.md", "docs/lane_change.md"} <= set(
-        blocks()
-    )

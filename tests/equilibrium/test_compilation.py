@@ -30,7 +30,11 @@ from foresight_env.scenarios.crosswalk import crosswalk_game, nominal_setting
 
 HORIZONS = (7, 17)
 """Short and long enough for the vectorised loops, whose first step takes 16 stages."""
-FAST = {"xla_backend_optimization_level": 3, "xla_cpu_use_fusion_emitters": True}
+FAST = {
+    "xla_backend_optimization_level": 3,
+    "xla_cpu_use_fusion_emitters": True,
+    "xla_cpu_parallel_codegen_split_count": 32,
+}
 """XLA's defaults."""
 PLAIN = {"xla_backend_optimization_level": 0, "xla_cpu_use_fusion_emitters": False}
 

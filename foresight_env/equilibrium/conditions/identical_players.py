@@ -93,7 +93,7 @@ def _peers(layout: Layout, shapes: tuple[Any, ...]) -> tuple[Peers, ...]:
                 and not distinguishes(part.function, i, j)
             )
 
-        for run in _runs(players, alike):
+        for run in runs_of(players, alike):
             together.setdefault(run, []).append(part)
     return tuple(_together(layout, run, parts, rows, originals) for run, parts in together.items())
 
@@ -193,10 +193,10 @@ def moving_alike(game: Game) -> tuple[range, ...]:
     def same(i: int, j: int) -> bool:
         return game.players[i].dynamics == game.players[j].dynamics
 
-    return _runs(range(len(game.players)), same)
+    return runs_of(range(len(game.players)), same)
 
 
-def _runs(numbers: Sequence[int], same: Callable[[int, int], bool]) -> tuple[range, ...]:
+def runs_of(numbers: Sequence[int], same: Callable[[int, int], bool]) -> tuple[range, ...]:
     """Neighbours that are the same as their run's first."""
     runs = [range(numbers[0], numbers[0] + 1)]
     for i in numbers[1:]:

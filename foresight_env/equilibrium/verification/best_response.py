@@ -10,14 +10,17 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from foresight_env.equilibrium.conditions.identical_players import runs_of
 from foresight_env.equilibrium.conditions.layout import Layout
 from foresight_env.games.constraints import Inequality
 from foresight_env.games.costs import Composite
 from foresight_env.games.game import Game, Player
+from foresight_env.games.permutation import distinguishes
 from foresight_env.games.types import Controls, Scalar, StageNumber, States, Theta
 
 
@@ -87,15 +90,53 @@ def best_response_game(game: Game, i: int) -> Game:
     return Game((single,), game.horizon, (), game.dt)
 
 
+def same_best_response(game: Game, thetas: tuple[Theta, ...]) -> tuple[range, ...]:
+    """Runs of neighbouring players that one best-response game serves, that of the first of them.
+
+    Equal players with parameters of the same shapes, whose costs and constraints do not depend on
+    players' numbers (`games.permutation`). Shared constraints do.
+    """
+    shapes = [
+        (jax.tree.structure(theta), [np.shape(v) for v in jax.tree.leaves(theta)])
+        for theta in thetas
+    ]
+
+    def same(i: int, j: int) -> bool:
+        first, second = (replace(game.players[k], name="") for k in (i, j))
+        parts: list[Any] = [*first.costs, *first.undiscounted_costs]
+        parts += [c.function for c in first.inequalities]
+        parts += [c.function for c in first.equalities]
+        return (
+            not game.shared
+            and first == second
+            and shapes[i] == shapes[j]
+            and not any(distinguishes(part, i, j) for part in parts)
+        )
+
+    return runs_of(range(len(game.players)), same)
+
+
 def best_response_theta(
-    layout: Layout, i: int, thetas: tuple[Theta, ...], x: Array, u: Array
+    layout: Layout,
+    i: int,
+    thetas: tuple[Theta, ...],
+    x: Array,
+    u: Array,
+    *,
+    place: int | None = None,
 ) -> Theta:
-    """Parameters of `best_response_game`: own entries, all players' plans, named penalties."""
+    """Parameters of `best_response_game`: own entries, all players' plans, named penalties.
+
+    With `place`: of that player's game, which has player `i` there and all others in their order.
+    """
+    order = [j for j in range(len(thetas)) if j != i]
+    order.insert(i if place is None else place, i)
+    states, controls = layout.state_slices, layout.control_slices
     return {
         "own": thetas[i],
-        "all": thetas,
-        "states": {str(j): x[:, s] for j, s in enumerate(layout.state_slices)},
-        "controls": {str(j): u[:, s] for j, s in enumerate(layout.control_slices)},
+        "all": tuple(thetas[j] for j in order),
+        "states": {str(k): x[:, states[j]] for k, j in enumerate(order)},
+        "controls": {str(k): u[:, controls[j]] for k, j in enumerate(order)},
         **_prices(layout.game, i, thetas[i]),
     }
 

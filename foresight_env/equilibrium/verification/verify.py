@@ -27,7 +27,7 @@ from foresight_env.equilibrium.conditions.kkt import (
 from foresight_env.equilibrium.conditions.layout import Layout, layout_of
 from foresight_env.equilibrium.conditions.pairs import Parts, join, pairs_of, split
 from foresight_env.equilibrium.conditions.residual import evaluate
-from foresight_env.equilibrium.newton.implicit import Equilibrium, equilibrium
+from foresight_env.equilibrium.newton.implicit import equilibrium
 from foresight_env.equilibrium.newton.start import Start, begin
 from foresight_env.equilibrium.settings import SolverOptions
 from foresight_env.equilibrium.solve import Solution
@@ -35,6 +35,7 @@ from foresight_env.equilibrium.status import Status
 from foresight_env.equilibrium.verification.best_response import (
     best_response_game,
     best_response_theta,
+    same_best_response,
 )
 from foresight_env.games.game import Game
 from foresight_env.games.stage import stage_cost
@@ -141,35 +142,58 @@ def restricted(layout: Layout, i: int, point: Iterate, parameters: Parameters) -
     return Iterate(point.x[:, sx], point.u[:, su], own(point.slack), own(join(felt)))
 
 
+class _Checked(NamedTuple):
+    """What is computed of one player."""
+
+    gap: Scalar
+    cold_gap: Scalar
+    hessian: Float[Array, "k k"]
+    cost: Scalar
+
+
+def _checked(
+    alone: Layout, options: SolverOptions, parameters: Parameters, own: Iterate
+) -> _Checked:
+    """Best responses from both starts in a loop, whose body is compiled once."""
+    here = player_cost(alone, 0, own.x, own.u, parameters)
+    perturbed = own._replace(
+        u=own.u + 1e-3 * jnp.sin(1.0 + jnp.arange(own.u.size)).reshape(own.u.shape)
+    )
+    cold = begin(alone, options, parameters, None).point
+    points = jax.tree.map(lambda *v: jnp.stack(v), perturbed, cold)
+
+    def gain(start: Start) -> Array:
+        found = equilibrium(alone, options, parameters, start)
+        cost = player_cost(alone, 0, found.point.x, found.point.u, parameters)
+        return jnp.where(found.success, here - cost, jnp.nan)
+
+    gap, cold_gap = jax.lax.map(gain, Start(points, jnp.array([True, False])))
+    return _Checked(gap, cold_gap, _reduced_hessian(alone, options, parameters, own), here)
+
+
 @compiled(static_argnums=(0, 1))
 def _verify(
     layout: Layout, options: SolverOptions, parameters: Parameters, point: Iterate
-) -> tuple[Array, Array, tuple[Array, ...], Array]:
-    """Gaps, gaps from a cold start, reduced Hessians, and costs."""
-    gaps, colds, hessians, costs = [], [], [], []
-    for i in range(len(layout.game.players)):
-        alone = layout_of(best_response_game(layout.game, i))
-        theta = best_response_theta(layout, i, parameters.theta, point.x, point.u)
-        mine = Parameters(
-            parameters.initial_state[layout.state_slices[i]], (theta,), parameters.gamma[i : i + 1]
-        )
-        own = restricted(layout, i, point, parameters)
-        here = player_cost(alone, 0, own.x, own.u, mine)
-
-        def gain(found: Equilibrium, mine: Parameters = mine, alone: Layout = alone,
-                 here: Array = here) -> Array:  # fmt: skip
-            cost = player_cost(alone, 0, found.point.x, found.point.u, mine)
-            return jnp.where(found.success, here - cost, jnp.nan)
-
-        nudged = own._replace(
-            u=own.u + 1e-3 * jnp.sin(1.0 + jnp.arange(own.u.size)).reshape(own.u.shape)
-        )
-        near = Start(nudged, jnp.ones((), bool))
-        gaps.append(gain(equilibrium(alone, options, mine, near)))
-        colds.append(gain(equilibrium(alone, options, mine, begin(alone, options, mine, None))))
-        hessians.append(_reduced_hessian(alone, options, mine, own))
-        costs.append(here)
-    return jnp.stack(gaps), jnp.stack(colds), tuple(hessians), jnp.stack(costs)
+) -> tuple[_Checked, ...]:
+    """Best responses and curvature, player by player."""
+    found: list[_Checked] = []
+    for members in same_best_response(layout.game, parameters.theta):
+        alone = layout_of(best_response_game(layout.game, members.start))
+        given = []
+        for i in members:
+            theta = best_response_theta(
+                layout, i, parameters.theta, point.x, point.u, place=members.start
+            )
+            start = parameters.initial_state[layout.state_slices[i]]
+            mine = Parameters(start, (theta,), parameters.gamma[i : i + 1])
+            given.append((mine, restricted(layout, i, point, parameters)))
+        if len(given) == 1:
+            found.append(_checked(alone, options, *given[0]))
+            continue
+        stacked = jax.tree.map(lambda *v: jnp.stack([*map(jnp.asarray, v)]), *given)
+        together = jax.lax.map(lambda one, alone=alone: _checked(alone, options, *one), stacked)
+        found += [jax.tree.map(lambda v, k=k: v[k], together) for k in range(len(given))]
+    return tuple(found)
 
 
 def verify(
@@ -187,11 +211,12 @@ def verify(
     layout = layout_of(game)
     parameters = check_parameters(game, [s[0] for s in solution.states], theta, gamma)
     with jax.enable_x64(True):
-        gap, cold_gap, hessians, costs = to_numpy(
-            _verify(layout, options, parameters, to_double(solution.point))
-        )
-    curvature = np.array([_least_eigenvalue(hessian) for hessian in hessians])
-    rounding = 1e-6 * np.maximum(1.0, np.abs(costs))
+        found = to_numpy(_verify(layout, options, parameters, to_double(solution.point)))
+    gap, cold_gap, cost = (
+        np.array([getattr(one, name) for one in found]) for name in ("gap", "cold_gap", "cost")
+    )
+    curvature = np.array([_least_eigenvalue(one.hessian) for one in found])
+    rounding = 1e-6 * np.maximum(1.0, np.abs(cost))
     solved = int(solution.status) == Status.SOLVED
     local = solved and bool((curvature > 0.0).all() and (gap <= rounding).all())
     return Verification(np.asarray(local), gap, cold_gap, curvature)

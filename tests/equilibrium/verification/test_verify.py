@@ -3,7 +3,7 @@
 import os
 import subprocess
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import jax
@@ -20,9 +20,18 @@ from foresight_env.equilibrium.conditions.residual import evaluate
 from foresight_env.equilibrium.verification.best_response import (
     best_response_game,
     best_response_theta,
+    same_best_response,
 )
-from foresight_env.equilibrium.verification.verify import restricted
-from foresight_env.games import DoubleIntegrator, Effort, Game, Player
+from foresight_env.equilibrium.verification.verify import player_cost, restricted
+from foresight_env.games import (
+    DoubleIntegrator,
+    Effort,
+    Game,
+    Goal,
+    Inequality,
+    MinimumDistance,
+    Player,
+)
 from foresight_env.scenarios.crosswalk import crosswalk_game, draw_crossing
 from tests.support.small_games import CROSSING_STATES, crossing, crossing_theta
 
@@ -68,6 +77,42 @@ def test_common_multipliers_are_each_players_own_share():
             own = restricted(layout, i, point, parameters)
             at = evaluate(alone, pairs_of(alone), own, mine, jnp.zeros(()), SolverOptions().barrier)
             assert at.error < 1e-7
+
+
+@dataclass(frozen=True)
+class NumberedEffort(Effort):
+    """The same cost, of a class that promises nothing: each player is verified as another game."""
+
+    def __call__(self, i, t, x, u, theta):
+        return super().__call__(i, t, x, u, theta)
+
+
+def test_identical_players_share_a_best_response_game():
+    """In the first one's place each has its own costs, and what it sees in the joint game."""
+    near = Inequality(MinimumDistance("closest"), 2, 2.0)
+    one = Player(DoubleIntegrator(0.3), (Goal(), Effort(0.1)), inequalities=(near,), name="one")
+    walkers = (one, replace(one, name="two"), replace(one, name="three"))
+    game, random = Game(walkers, 3), np.random.default_rng(0)
+    theta = tuple({"goal": random.normal(size=2), "closest": 0.2 + i} for i in range(3))
+    (members,) = same_best_response(game, theta)
+    assert members == range(3)
+    numbered = [replace(p, costs=(Goal(), NumberedEffort(0.1))) for p in walkers]
+    other = (one, replace(one, costs=(Goal(), Effort(0.2))), one)
+    for others in (numbered, other):
+        apart = same_best_response(Game(tuple(others), 3), theta)
+        assert apart == tuple(range(i, i + 1) for i in range(3))
+    unequal = (*theta[:2], {**theta[2], "more": 1.0})
+    assert same_best_response(game, unequal) == (range(2), range(2, 3))
+    layout, alone = layout_of(game), layout_of(best_response_game(game, 0))
+    x, u = random.normal(size=(3, layout.n)), random.normal(size=(3, layout.m))
+    with jax.enable_x64(True):
+        together = Parameters(jnp.zeros(layout.n), theta, jnp.array([0.9, 0.7, 0.5]))
+        for i in members:
+            own = best_response_theta(layout, i, theta, jnp.asarray(x), jnp.asarray(u), place=0)
+            mine = Parameters(jnp.zeros(4), (own,), together.gamma[i : i + 1])
+            at = (jnp.asarray(x[:, layout.state_slices[i]]), u[:, layout.control_slices[i]])
+            cost = player_cost(layout, i, jnp.asarray(x), jnp.asarray(u), together)
+            assert player_cost(alone, 0, *map(jnp.asarray, at), mine) == pytest.approx(float(cost))
 
 
 def test_a_head_on_stalemate_is_a_saddle():

@@ -160,7 +160,7 @@ def command(monkeypatch):
 def test_anybody_s_own_predictor_is_a_line_of_the_table(command, tmp_path, monkeypatch):
     prediction.warm_up.cache_clear()
     out = tmp_path / "out"
-    given = ("--scenarios", "crosswalk", "--episodes", 5, "--workers", 0, "--out", out)
+    given = ("--scenarios", "crosswalk", "--episodes", 2, "--workers", 0, "--out", out)
     own = f"{__name__}:Straight"
     chosen = ("--predictors", f"constant-velocity,{own}", "--egos", f"constant-velocity,{own}+plan")
     result = command(*given, *chosen)
