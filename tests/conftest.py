@@ -39,7 +39,7 @@ enable_compilation_cache(
 
 MOST_MEMORY_MAPS = 20_000
 """See `evaluation.execution.compilation`; the next file may compile much."""
-MOST_MEMORY = 2.0
+MOST_MEMORY = 1.4
 """Resident memory of a worker, GB, above which it forgets what its tests compiled."""
 
 
