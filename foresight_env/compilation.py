@@ -25,20 +25,25 @@ COMPILER_OPTIONS = {
     # see tests/equilibrium/test_compilation.py). `benchmarks.compilation` compares.
     "xla_cpu_use_fusion_emitters": False,
 }
+UNOPTIMISED = {"xla_backend_optimization_level": 0}
 LEAST_SECONDS = 0.3
 """Compilations that take longer than this are kept."""
 SILENCE = 1.0
 """Seconds that a compilation lasts before it is announced: cached programs load faster."""
 
 
-def compiled(*, static_argnums: int | Sequence[int] = ()) -> Callable[[Callable[..., Any]], Any]:
+def compiled(
+    *, static_argnums: int | Sequence[int] = (), optimised: bool = True
+) -> Callable[[Callable[..., Any]], Any]:
     """Compile a function of the library on first use: `jax.jit` with `COMPILER_OPTIONS`.
 
     For functions that callers' traces never contain: JAX takes options at the outermost level only.
+    Without LLVM's optimisation (`optimised=False`) small programs compile in a third of the time.
     """
+    options = {**COMPILER_OPTIONS, **({} if optimised else UNOPTIMISED)}
 
     def decorate(function: Callable[..., Any]) -> Any:
-        return jax.jit(function, static_argnums=static_argnums, compiler_options=COMPILER_OPTIONS)
+        return jax.jit(function, static_argnums=static_argnums, compiler_options=options)
 
     return decorate
 

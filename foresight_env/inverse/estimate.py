@@ -132,7 +132,7 @@ def _tracked(problem: Problem, data: Data, base: Parameters) -> Iterate:
     return from_controls(problem.layout, problem.options, base, track(problem, data, base))
 
 
-@compiled(static_argnums=0)
+@compiled(static_argnums=0, optimised=False)
 def _finish(problem: Problem, data: Data, base: Parameters, fit: Fit) -> tuple[Any, ...]:
     layout, coordinates = problem.layout, problem.coordinates
     parameters = coordinates.unpack(fit.values, base)
