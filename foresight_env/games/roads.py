@@ -248,7 +248,7 @@ def lane_offset(lane: LaneArrays, position: Float[AnyArray, "2"]) -> Scalar:
         both = both * inside + coefficients
     line, slope = components(both)
     line = line + slope * (ahead - inside)
-    return (across - line) / jnp.sqrt(1.0 + slope**2)
+    return jnp.asarray(across - line) / jnp.sqrt(1.0 + slope**2)
 
 
 @dataclass(frozen=True)

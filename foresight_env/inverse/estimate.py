@@ -276,7 +276,8 @@ def estimate(
         initial = starts.spread(begin, coordinates.is_gamma & chosen, limits)
         padded = np.pad(initial, ((0, MOST_STARTS - len(initial)), (0, 0)), mode="edge")
         granted, cold = limits_of(budget), warm is None
-        start = Start(blank_point(layout) if cold else warm, np.asarray(not cold), limits=granted)
+        point = blank_point(layout) if warm is None else warm
+        start = Start(point, np.asarray(not cold), limits=granted)
         arguments = (problem, method, data, parameters, padded, np.asarray(len(initial)))
         with first_time((problem, signature((*arguments[1:], start)), cold)) as new:
             if new:

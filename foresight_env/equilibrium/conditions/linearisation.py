@@ -214,7 +214,8 @@ def first_order(layout: Layout, point: Iterate, parameters: Parameters) -> First
         i = these.first
 
         def total(x, u):
-            now = tuple((*v[:i], part, *v[i + 1 :]) for v, part in zip(at, (x, u), strict=True))
+            states, controls = at
+            now = (*states[:i], x, *states[i + 1 :]), (*controls[:i], u, *controls[i + 1 :])
             return _lagrangian(these, t, now, at, member, None)
 
         slope = jnp.concatenate(jax.grad(total, argnums=(0, 1))(at[0][i], at[1][i]))

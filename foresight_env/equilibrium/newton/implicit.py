@@ -193,7 +193,7 @@ def solution_tangent(
         jnp.zeros_like(point.x),
         jnp.concatenate([r_u, -wanted], axis=1),
         jnp.zeros_like(point.x),
-        change.initial_state,
+        jnp.asarray(change.initial_state),
         m,
     )
     dw = jnp.concatenate([dx, du], axis=1)
