@@ -24,7 +24,7 @@ def components(vector: Float[AnyArray, "*b k"]) -> list[Float[AnyArray, "*b"]]:
     what a cost does is most of what a solver's program holds.
     """
     if isinstance(vector, np.ndarray):
-        return list(np.moveaxis(vector, -1, 0))
+        return [np.asarray(part) for part in np.moveaxis(vector, -1, 0)]
     axis = vector.ndim - 1
     parts = jax.lax.split(vector, (1,) * vector.shape[axis], axis)
     return [jax.lax.squeeze(part, (axis,)) for part in parts]
