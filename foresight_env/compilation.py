@@ -9,12 +9,15 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import jax
+import numpy as np
 
 COMPILER_OPTIONS = {
     # XLA's fusion emitters take a third of the time that compiling a solver takes, run it no
@@ -22,22 +25,81 @@ COMPILER_OPTIONS = {
     # see tests/equilibrium/test_compilation.py). `benchmarks.compilation` compares.
     "xla_cpu_use_fusion_emitters": False,
 }
+UNOPTIMISED = {"xla_backend_optimization_level": 0}
 LEAST_SECONDS = 0.3
 """Compilations that take longer than this are kept."""
 SILENCE = 1.0
 """Seconds that a compilation lasts before it is announced: cached programs load faster."""
 
 
-def compiled(*, static_argnums: int | Sequence[int] = ()) -> Callable[[Callable[..., Any]], Any]:
+def compiled(
+    *, static_argnums: int | Sequence[int] = (), optimised: bool = True
+) -> Callable[[Callable[..., Any]], Any]:
     """Compile a function of the library on first use: `jax.jit` with `COMPILER_OPTIONS`.
 
     For functions that callers' traces never contain: JAX takes options at the outermost level only.
+    Without LLVM's optimisation (`optimised=False`) small programs compile in a third of the time.
     """
+    options = {**COMPILER_OPTIONS, **({} if optimised else UNOPTIMISED)}
 
     def decorate(function: Callable[..., Any]) -> Any:
-        return jax.jit(function, static_argnums=static_argnums, compiler_options=COMPILER_OPTIONS)
+        return jax.jit(function, static_argnums=static_argnums, compiler_options=options)
 
     return decorate
+
+
+class _FirstTime:
+    def __init__(self) -> None:
+        self.lock = threading.Lock()
+        self.done = False
+
+
+@lru_cache(maxsize=256)
+def _first_time(key: Hashable) -> _FirstTime:
+    return _FirstTime()
+
+
+@contextmanager
+def first_time(key: Hashable) -> Iterator[bool]:
+    """Give True until the context has once ended without an exception, then False.
+
+    Other threads with an equal key wait for the first one.
+    """
+    state = _first_time(key)
+    if state.done:
+        yield False
+        return
+    with state.lock:
+        yield not state.done
+        state.done = True
+
+
+def signature(tree: Any) -> Hashable:
+    """Return what a compiled program depends on: the tree's structure, shapes and types."""
+    leaves, structure = jax.tree.flatten(tree)
+    kinds = tuple((np.shape(v), getattr(v, "dtype", type(v))) for v in leaves)
+    return structure, kinds
+
+
+@contextmanager
+def compiling(lowered: jax.stages.Lowered) -> Iterator[None]:
+    """Compile a program in a second thread while the context lasts; XLA releases Python's lock.
+
+    Later calls of the function that was lowered find the program. The context ends when both are
+    done; an exception of the context comes before one of the compilation.
+    """
+    timer = _timers.pop(threading.get_ident(), None)
+
+    def compile_it() -> None:
+        if timer is not None:
+            _timers[threading.get_ident()] = timer
+        with jax.enable_x64(True):  # a context of the thread
+            lowered.compile()
+
+    with ThreadPoolExecutor(1, "compilation") as pool:
+        compilation = pool.submit(compile_it)
+        yield
+    compilation.result()
 
 
 def default_cache() -> Path:
@@ -79,6 +141,7 @@ _listeners: list[Callable[[str], object]] = []
 _announced: list[Callable[[str], object]] = []
 """Those of them that have been called."""
 _registered: list[bool] = []
+_announcing = threading.Lock()
 
 
 @contextmanager
@@ -116,6 +179,9 @@ def _listen(event: str, duration_secs: float, **details: str | int) -> None:
 
 
 def _announce() -> None:
-    if _listeners and _listeners[-1] not in _announced:
-        _announced.append(_listeners[-1])
-        _listeners[-1]("compiling the solver, once per machine; later runs load it")
+    with _announcing:
+        if not _listeners or _listeners[-1] in _announced:
+            return
+        tell = _listeners[-1]
+        _announced.append(tell)
+    tell("compiling the solver, once per machine; later runs load it")

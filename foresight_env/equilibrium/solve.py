@@ -176,8 +176,8 @@ def _unpack(layout: Layout, packed: Any) -> Solution:
 
 
 @lru_cache(maxsize=256)
-def _blank(layout: Layout) -> Iterate:
-    """Stands in for the point that a cold start does not read."""
+def blank_point(layout: Layout) -> Iterate:
+    """Return zeros of an iterate's shapes, where a point is not read or not known yet."""
     sizes = (layout.n, layout.m, layout.pair_count, layout.pair_count)
     blank: list[Any] = [np.zeros((layout.game.horizon, size)) for size in sizes]
     return Iterate(*blank)
@@ -190,7 +190,7 @@ def _solve_concrete(
     initial_guess: Iterate | AnyArray | None,
     budget: Budget,
 ) -> Solution:
-    kind, point = Kind.COLD, _blank(layout)
+    kind, point = Kind.COLD, blank_point(layout)
     if isinstance(initial_guess, Iterate):
         kind, point = Kind.SOLUTION, to_double(initial_guess)
     elif initial_guess is not None:

@@ -42,10 +42,10 @@ class Composite(Protocol):
 
 def distances(i: int, x: States) -> Float[Array, "others"]:
     """Distances (m) from player `i` to every other player; states begin with the position."""
-    others = [x[i][:2] - xj[:2] for j, xj in enumerate(x) if j != i]
+    others = [xj[:2] for j, xj in enumerate(x) if j != i]
     if not others:
         return jnp.zeros(0)
-    squared = jnp.stack([squared_length(d) for d in others])
+    squared = squared_length(x[i][:2] - jnp.stack(others))
     # The square root has no derivative at 0: agents exactly on top of each other get gradient 0.
     positive = jnp.where(squared > 0.0, squared, 1.0)
     return jnp.where(squared > 0.0, jnp.sqrt(positive), 0.0)

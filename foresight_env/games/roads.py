@@ -17,7 +17,7 @@ from jaxtyping import Array, Float
 from foresight_env.games.costs import Weight, weight_value
 from foresight_env.games.permutation import PermutationInvariant
 from foresight_env.games.types import AnyArray, Controls, Scalar, StageNumber, States, Theta
-from foresight_env.games.vectors import dot, squared_length
+from foresight_env.games.vectors import components, dot, squared_length
 
 Point = tuple[float, float]
 
@@ -237,16 +237,18 @@ class LaneArrays(NamedTuple):
 
 def lane_offset(lane: LaneArrays, position: Float[AnyArray, "2"]) -> Scalar:
     """Return `Lane.offset` of a lane given as arrays."""
-    relative = position - lane.origin
-    cosine, sine = lane.direction[0], lane.direction[1]
-    ahead = cosine * relative[0] + sine * relative[1]
-    across = cosine * relative[1] - sine * relative[0]
-    inside = jnp.clip(ahead, lane.reach[0], lane.reach[1])
-    both = jnp.asarray(lane.coefficients[0])
-    for k in range(1, lane.coefficients.shape[0]):  # Horner's rule, for line and slope at once
-        both = both * inside + lane.coefficients[k]
-    line, slope = both[0] + both[1] * (ahead - inside), both[1]
-    return (across - line) / jnp.sqrt(1.0 + slope**2)
+    east, north = components(position - lane.origin)
+    cosine, sine = components(lane.direction)
+    ahead = cosine * east + sine * north
+    across = cosine * north - sine * east
+    inside = jnp.clip(ahead, *components(lane.reach))
+    both, *rest = lane.coefficients
+    both = jnp.asarray(both)
+    for coefficients in rest:  # Horner's rule, for line and slope at once
+        both = both * inside + coefficients
+    line, slope = components(both)
+    line = line + slope * (ahead - inside)
+    return jnp.asarray(across - line) / jnp.sqrt(1.0 + slope**2)
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from foresight_env.compilation import compiled
+from foresight_env.compilation import compiled, compiling, first_time, signature
 from foresight_env.equilibrium.checks.validation import check_kinds, check_parameters
 from foresight_env.equilibrium.conditions.kkt import Iterate, Parameters
 from foresight_env.equilibrium.conditions.layout import layout_of
@@ -18,7 +18,7 @@ from foresight_env.equilibrium.newton.implicit import Equilibrium
 from foresight_env.equilibrium.newton.schedule import limits_of
 from foresight_env.equilibrium.newton.start import Start, from_controls
 from foresight_env.equilibrium.settings import Budget, SolverOptions
-from foresight_env.equilibrium.solve import Solution, check_guess, to_solution
+from foresight_env.equilibrium.solve import Solution, blank_point, check_guess, to_solution
 from foresight_env.equilibrium.status import Status
 from foresight_env.games.game import Game
 from foresight_env.games.observations import ObservationModel
@@ -132,7 +132,7 @@ def _tracked(problem: Problem, data: Data, base: Parameters) -> Iterate:
     return from_controls(problem.layout, problem.options, base, track(problem, data, base))
 
 
-@compiled(static_argnums=0)
+@compiled(static_argnums=0, optimised=False)
 def _finish(problem: Problem, data: Data, base: Parameters, fit: Fit) -> tuple[Any, ...]:
     layout, coordinates = problem.layout, problem.coordinates
     parameters = coordinates.unpack(fit.values, base)
@@ -150,6 +150,28 @@ def _finish(problem: Problem, data: Data, base: Parameters, fit: Fit) -> tuple[A
     first = jax.jacfwd(lambda v: coordinates.unpack(v, base).initial_state)(fit.values)
     rates = jnp.concatenate([first[None], jnp.moveaxis(fit.rates.x, 0, 2)])
     return parameters, solution, covariance, identifiable, rates
+
+
+def _compile_together(
+    problem: Problem,
+    method: GaussNewton | GradientDescent,
+    data: Data,
+    base: Parameters,
+    starts: Float[np.ndarray, "S p"],
+    count: Int[np.ndarray, ""],
+    start: Start,
+    cold: bool,
+) -> None:
+    """Compile what an estimate calls: `search`, by far the largest, beside the others.
+
+    Only `search` has a second thread: tracing holds Python's lock. It is traced first, since all
+    else is compiled before it is ready.
+    """
+    traced = search.trace(problem, method, data, base, starts, count, start)
+    with compiling(traced.lower()):
+        if cold:
+            _tracked.lower(problem, data, base).compile()
+        _finish.lower(problem, data, base, traced.out_info[0]).compile()
 
 
 def _stepped(
@@ -253,12 +275,16 @@ def estimate(
             begin = _stepped(problem, data, parameters, begin, warm, initial_guess_rates, chosen)
         initial = starts.spread(begin, coordinates.is_gamma & chosen, limits)
         padded = np.pad(initial, ((0, MOST_STARTS - len(initial)), (0, 0)), mode="edge")
-        point = _tracked(problem, data, parameters) if warm is None else warm
-        granted = limits_of(budget)
-        start = Start(point, np.asarray(warm is not None), limits=granted)
-        fit, count, costs = search(
-            problem, method, data, parameters, padded, np.asarray(len(initial)), start
-        )
+        granted, cold = limits_of(budget), warm is None
+        point = blank_point(layout) if warm is None else warm
+        start = Start(point, np.asarray(not cold), limits=granted)
+        arguments = (problem, method, data, parameters, padded, np.asarray(len(initial)))
+        with first_time((problem, signature((*arguments[1:], start)), cold)) as new:
+            if new:
+                _compile_together(*arguments, start, cold)
+        if cold:
+            start = start._replace(point=_tracked(problem, data, parameters))
+        fit, count, costs = search(*arguments, start)
         intervals = None
         if profile is not None and bool(fit.success):
             local = method if isinstance(method, GaussNewton) else GaussNewton()

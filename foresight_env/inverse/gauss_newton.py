@@ -29,6 +29,7 @@ from foresight_env.inverse.fit import (
     extrapolated,
     unevaluated,
 )
+from foresight_env.inverse.method_tree import register_method
 
 
 @dataclass(frozen=True)
@@ -64,7 +65,7 @@ class SearchSettings:
 SETTINGS = SearchSettings()
 
 
-@jax.tree_util.register_dataclass
+@register_method
 @dataclass(frozen=True)
 class GaussNewton:
     """Settings of the default method: a PyTree, so that one compiled program serves all values."""
@@ -87,7 +88,7 @@ class GaussNewton:
     """Cost of the first game above which a search from a caller's guess ends with it."""
 
     def __post_init__(self) -> None:
-        # JAX also makes instances that hold tracers or descriptions of arrays.
+        # Tracers are not checked.
         numbers = [b for b in self.smoothing if isinstance(b, Real)]
         if not all(b > 0.0 for b in numbers):
             raise ValueError(f"smoothing: is {self.smoothing}; expected positive numbers")

@@ -19,9 +19,10 @@ from foresight_env.inverse.fit import (
     evaluate_fit,
     unevaluated,
 )
+from foresight_env.inverse.method_tree import register_method
 
 
-@jax.tree_util.register_dataclass
+@register_method
 @dataclass(frozen=True)
 class GradientDescent:
     """Algorithm 1, with its hyper-parameters `K` and tolerance as published; a PyTree."""

@@ -48,7 +48,7 @@ class Linearisation(NamedTuple):
     gradient: Float[Array, "T w"]
     """Each player's Lagrangian differentiated by its own part of `w`, without costates."""
     hessian: Float[Array, "T w w"]
-    """Rows: a player's own part; columns: all players'. NaN where it was not requested."""
+    """Rows: a player's own part; columns: all players'."""
     a: Float[Array, "T n n"]
     b: Float[Array, "T n m"]
     defect: Float[Array, "T n"]
@@ -60,6 +60,15 @@ class Linearisation(NamedTuple):
     penalty: Float[Array, "K"]
     previous: Float[Array, "T n"]
     """The states that stages start from: x_1 (given) to x_T."""
+
+
+class FirstOrder(NamedTuple):
+    """What the residual of a point takes from costs, constraints and discount factors."""
+
+    gradient: Float[Array, "T w"]
+    rho: Float[Array, "T n"]
+    values: Float[Array, "T K"]
+    penalty: Float[Array, "K"]
 
 
 def _stage_cost(
@@ -126,44 +135,141 @@ def _moves(layout: Layout, t: Array, x: Array, u: Array) -> tuple[Array, Array, 
     return block_diagonal(a), block_diagonal(b), jnp.concatenate(nexts)
 
 
+class _Weights(NamedTuple):
+    """How costs and constraint rows count, per stage."""
+
+    ratios: Float[Array, "T N"]
+    undiscounted: Float[Array, "T N"]
+    """Of undiscounted costs, in each player's units of the stage."""
+    share: Float[Array, "T K w"]
+    penalty: Float[Array, "K"]
+
+
+def _weights(layout: Layout, point: Iterate, parameters: Parameters) -> _Weights:
+    ratios = discount_ratios(layout, parameters.gamma)
+    return _Weights(
+        ratios,
+        jnp.exp(-jnp.cumsum(jnp.log(jnp.maximum(ratios, 1e-300)), axis=0)),
+        row_shares(layout, ratios),
+        layout.penalties(parameters.theta).astype(point.x.dtype),
+    )
+
+
+class _Member(NamedTuple):
+    """What a peer's Lagrangian depends on, but for the stage vector."""
+
+    own: Theta
+    numbers: tuple[Any, ...]
+    scale: Scalar
+    """Of undiscounted costs."""
+    price: Float[Array, "R"]
+    """Of its own constraint rows."""
+
+
+def _lagrangian(
+    these: Peers, t: Array, now: Stage, at: Stage, member: _Member, convexity: Scalar | None
+) -> Scalar:
+    """A member's, without shared constraints."""
+    own, numbers, scale, price = member
+    total = jnp.zeros(())
+    plain = len(these.costs)
+    for cost, number in zip(these.costs, numbers[:plain], strict=True):
+        total += _stage_cost(_bound(cost, number), these.first, t, now, at, own, convexity)
+    for cost, number in zip(these.undiscounted_costs, numbers[plain:], strict=True):
+        mine = _stage_cost(_bound(cost, number), these.first, t, now, at, own, convexity)
+        total += scale * mine
+    if these.constraints:
+        values = _partly_linear(lambda v: _rows(these, t, v, own), now, at, convexity)
+        total -= jnp.sum(price * values)
+    return total
+
+
+def _views(
+    layout: Layout, these: Peers, own: Theta, w: Array, scale: Array, mult: Array, share: Array
+) -> tuple[Array, _Member]:
+    """Stage vectors as the members see them, and what else their Lagrangians depend on."""
+    numbered = np.array(these.members)
+    begins = np.array([layout.state_slices[i].start for i in numbered])
+    price = share[these.rows, begins[:, None]] * mult[these.rows]
+    seen = w[None] if len(numbered) == 1 else w[these.view]
+    return seen, _Member(own, these.constants, scale[numbered], price)
+
+
+def _in_order(numbers: list[np.ndarray], rows: list[Array]) -> Array:
+    """Constraint rows in the order of their numbers."""
+    order, joined = np.argsort(np.concatenate(numbers)), jnp.concatenate(rows)
+    return joined if (order == np.arange(order.size)).all() else joined[order]
+
+
+def first_order(layout: Layout, point: Iterate, parameters: Parameters) -> FirstOrder:
+    """Return the first-order part of `linearise`, without dynamics and constraints' derivatives."""
+    theta = parameters.theta
+    weights = _weights(layout, point, parameters)
+    mult = split(layout, point.mult)
+    peers = [(these, stack(theta, these.members)) for these in peers_of(layout, theta)]
+
+    def own_part(these, t, w, member):
+        """A peer's gradient (own,) and its constraint rows."""
+        at = layout.split(w)
+        i = these.first
+
+        def total(x, u):
+            states, controls = at
+            now = (*states[:i], x, *states[i + 1 :]), (*controls[:i], u, *controls[i + 1 :])
+            return _lagrangian(these, t, now, at, member, None)
+
+        slope = jnp.concatenate(jax.grad(total, argnums=(0, 1))(at[0][i], at[1][i]))
+        return slope, _rows(these, t, at, member.own) if these.constraints else None
+
+    def stage(t, w, scale, mult, share):
+        gradient = jnp.zeros_like(w)
+        numbers, values = [np.arange(0)], [jnp.zeros(0, w.dtype)]
+        for these, own in peers:
+            seen, members = _views(layout, these, own, w, scale, mult, share)
+            slopes, rows = jax.vmap(partial(own_part, these, t))(seen, members)
+            gradient += in_place(layout, these.members, slopes)
+            if rows is not None:
+                numbers.append(these.rows.ravel())
+                values.append(rows.ravel())
+        if layout.game.shared:
+            first = sum(map(len, numbers))
+            price = share[first:] * mult[first:, None]
+            jacobian, shared = _with_jacobian(lambda v: layout.shared_values(t, v, theta), w)
+            gradient -= jnp.sum(price * jacobian, axis=0)
+            numbers.append(np.arange(first, len(layout.rows)))
+            values.append(shared)
+        return gradient, _in_order(numbers, values)
+
+    stages = jnp.arange(1, layout.game.horizon + 1)
+    gradient, values = jax.vmap(stage)(
+        stages, jnp.concatenate([point.x, point.u], axis=1), weights.undiscounted, mult.row,
+        weights.share,
+    )  # fmt: skip
+    rho = weights.ratios[:, layout.state_owner]
+    return FirstOrder(gradient - mult.low + mult.high, rho, values, weights.penalty)
+
+
 def linearise(
-    layout: Layout, point: Iterate, parameters: Parameters, convexity: Scalar | None
+    layout: Layout, point: Iterate, parameters: Parameters, convexity: Scalar
 ) -> Linearisation:
     """Derivatives of all stages at `point`.
 
     `convexity` is the convexification weight: 1 drops the curvature of proximity terms and
     constraints (every player's own problem is then convex when its costs are), 0 is Newton's exact
-    matrix; None: there is no `hessian`, which is most of the work.
+    matrix.
     """
     game = layout.game
     theta = parameters.theta
     stages = jnp.arange(1, game.horizon + 1)
-    ratios = discount_ratios(layout, parameters.gamma)
-    share = row_shares(layout, ratios)
-    undiscounted = jnp.exp(-jnp.cumsum(jnp.log(jnp.maximum(ratios, 1e-300)), axis=0))
-    rho = ratios[:, layout.state_owner]
-    penalty = layout.penalties(theta).astype(point.x.dtype)
+    weights = _weights(layout, point, parameters)
+    rho = weights.ratios[:, layout.state_owner]
     mult = split(layout, point.mult)
     previous = jnp.concatenate([parameters.initial_state[None], point.x[:-1]])
     w = jnp.concatenate([point.x, point.u], axis=1)
 
     peers = [(these, stack(theta, these.members)) for these in peers_of(layout, theta)]
 
-    def lagrangian(these, t, now, at, own, numbers, scale, price):
-        """A member's, without shared constraints."""
-        total = jnp.zeros(())
-        plain = len(these.costs)
-        for cost, number in zip(these.costs, numbers[:plain], strict=True):
-            total += _stage_cost(_bound(cost, number), these.first, t, now, at, own, convexity)
-        for cost, number in zip(these.undiscounted_costs, numbers[plain:], strict=True):
-            mine = _stage_cost(_bound(cost, number), these.first, t, now, at, own, convexity)
-            total += scale * mine
-        if these.constraints:
-            values = _partly_linear(lambda v: _rows(these, t, v, own), now, at, convexity)
-            total -= jnp.sum(price * values)
-        return total
-
-    def own_part(these, t, w, own, numbers, scale, price, back):
+    def own_part(these, t, w, member, back):
         """A peer's gradient (own,) and Hessian rows (own, w) of its own entries of `w`.
 
         The Hessian is symmetric: its rows are its columns, each the change of the whole gradient in
@@ -172,16 +278,13 @@ def linearise(
         directions, at = jnp.eye(w.size)[layout.owner == these.first], layout.split(w)
 
         def slope(v):
-            x, u = jax.grad(lagrangian, argnums=2)(these, t, v, at, own, numbers, scale, price)
+            x, u = jax.grad(_lagrangian, argnums=2)(these, t, v, at, member, convexity)
             return jnp.concatenate([*x, *u])
 
-        if convexity is None:
-            gradient, rows = slope(at), jnp.full_like(directions, jnp.nan)
-        else:
-            # The gradient comes along with its changes: derivatives are traced once, not twice.
-            gradient, rows = jax.vmap(
-                lambda e: jax.jvp(slope, (at,), (layout.split(e),)), out_axes=(None, 0)
-            )(directions)
+        # The gradient comes along with its changes: derivatives are traced once, not twice.
+        gradient, rows = jax.vmap(
+            lambda e: jax.jvp(slope, (at,), (layout.split(e),)), out_axes=(None, 0)
+        )(directions)
         x, u = layout.split(gradient)
         return jnp.concatenate([x[these.first], u[these.first]]), returned(these, rows, back)
 
@@ -205,24 +308,17 @@ def linearise(
             return jax.jvp(slope, (w,), (e,))[1]
 
         jacobian, values = _with_jacobian(rows, w)
-        hessian = jnp.full((w.size, w.size), jnp.nan)
-        if convexity is not None:
-            hessian = jax.vmap(curvature)(jnp.eye(w.size), price.T)
+        hessian = jax.vmap(curvature)(jnp.eye(w.size), price.T)
         return -jnp.sum(price * jacobian, axis=0), hessian, values, jacobian
 
-    def stage(t, w, xp, scale, mult, row_share):
+    def stage(t, w, xp, scale, mult, share):
         gradient, hessian = jnp.zeros_like(w), jnp.zeros((w.size, w.size), w.dtype)
         numbers, values = [np.arange(0)], [jnp.zeros(0, w.dtype)]
         jacobians = [jnp.zeros((0, w.size), w.dtype)]
         for these, own in peers:
-            numbered = np.array(these.members)
-            begins = np.array([layout.state_slices[i].start for i in numbered])
-            price = row_share[these.rows, begins[:, None]] * mult[these.rows]
-            seen = w[None] if len(numbered) == 1 else w[these.view]
             back = jnp.asarray(these.back)
-            slopes, curves = jax.vmap(partial(own_part, these, t))(
-                seen, own, these.constants, scale[numbered], price, back
-            )
+            seen, members = _views(layout, these, own, w, scale, mult, share)
+            slopes, curves = jax.vmap(partial(own_part, these, t))(seen, members, back)
             gradient += in_place(layout, these.members, slopes)
             hessian += in_place(layout, these.members, curves)
             if these.constraints:
@@ -232,23 +328,30 @@ def linearise(
                 jacobians.append(jacobian.reshape(-1, w.size))
         if game.shared:
             first = sum(map(len, numbers))
-            price = row_share[first:] * mult[first:, None]
+            price = share[first:] * mult[first:, None]
             slopes, curves, value, jacobian = shared_part(t, w, price)
             gradient, hessian = gradient + slopes, hessian + curves
             numbers.append(np.arange(first, len(layout.rows)))
             values.append(value)
             jacobians.append(jacobian)
-        order = np.argsort(np.concatenate(numbers))
-        value, jacobian = jnp.concatenate(values), jnp.concatenate(jacobians)
-        if (order != np.arange(order.size)).any():
-            value, jacobian = value[order], jacobian[order]
+        value, jacobian = _in_order(numbers, values), _in_order(numbers, jacobians)
         a, b, following = _moves(layout, t, xp, w[layout.n :])
         return gradient, hessian, a, b, following - w[: layout.n], value, jacobian
 
     gradient, hessian, a, b, defect, values, jacobian = jax.vmap(stage)(
-        stages, w, previous, undiscounted, mult.row, share
+        stages, w, previous, weights.undiscounted, mult.row, weights.share
     )
     gradient = gradient - mult.low + mult.high
     return Linearisation(
-        gradient, hessian, a, b, defect, rho, values, jacobian, share, penalty, previous
+        gradient,
+        hessian,
+        a,
+        b,
+        defect,
+        rho,
+        values,
+        jacobian,
+        weights.share,
+        weights.penalty,
+        previous,
     )

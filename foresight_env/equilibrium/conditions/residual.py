@@ -48,7 +48,7 @@ def evaluate(
     pairs: Pairs,
     point: Iterate,
     parameters: Parameters,
-    convexity: Scalar | None,
+    convexity: Scalar,
     barrier: Scalar | float,
 ) -> Evaluation:
     """Derivatives and residuals at `point`, with products of `barrier` in mind.

@@ -17,8 +17,14 @@ from jaxtyping import Array, Bool, Float, Int
 
 from foresight_env.equilibrium.conditions.kkt import Iterate, Parameters
 from foresight_env.equilibrium.conditions.layout import Layout
+from foresight_env.equilibrium.conditions.linearisation import first_order
 from foresight_env.equilibrium.conditions.pairs import Parts, join, pairs_of, split
-from foresight_env.equilibrium.conditions.residual import Evaluation, evaluate, violation
+from foresight_env.equilibrium.conditions.residual import (
+    Evaluation,
+    costates,
+    stationarity,
+    violation,
+)
 from foresight_env.equilibrium.linear_algebra.stagewise import factorise, solve_stages
 from foresight_env.equilibrium.newton.newton_system import (
     eliminate_pairs,
@@ -171,23 +177,23 @@ def solution_tangent(
     # On the path `slack * multiplier` stays what it is.
     eliminated = eliminate_pairs(layout, pairs, on_the_path(pairs, point, jnp.zeros(())))
     factor = factorise(stage_system(layout, point, ev, eliminated), layout.equal_sizes)
+    n, m = layout.n, layout.m
 
-    def conditions(p: Parameters) -> tuple[Array, Array, Array, Array]:
-        at = evaluate(layout, pairs, point, p, None, options.barrier)
-        res = at.residual
-        return res.stationarity, res.defect, res.rows, at.lin.penalty
+    # `initial_state` acts on the conditions through the first stage's dynamics alone.
+    def conditions(p: Parameters) -> tuple[Array, Array, Array]:
+        at = first_order(layout, point, p)
+        lin = ev.lin._replace(gradient=at.gradient, rho=at.rho)
+        return stationarity(lin, costates(lin, n)), at.values, at.penalty
 
-    _, (r_u, defect, rows, penalty) = jax.jvp(conditions, (fixed,), (change,))
+    _, (r_u, rows, penalty) = jax.jvp(conditions, (fixed,), (change,))
     known = eliminated.ratios
     wanted = -rows + known.excess * penalty
-    n, m = layout.n, layout.m
-    # dx_1 enters the first defect, whose derivative by initial_state is A_1 initial_change.
     dx, du, mult = solve_stages(
         factor,
         jnp.zeros_like(point.x),
         jnp.concatenate([r_u, -wanted], axis=1),
-        defect,
-        jnp.zeros(n),
+        jnp.zeros_like(point.x),
+        jnp.asarray(change.initial_state),
         m,
     )
     dw = jnp.concatenate([dx, du], axis=1)

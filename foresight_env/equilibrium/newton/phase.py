@@ -150,7 +150,8 @@ def init_or_step_phase(
 
 def _first_weight(rules: PhaseRules) -> Scalar:
     """All non-convex curvature is left out at first, none of it in the semismooth phase."""
-    return jnp.where(rules.exact_below == jnp.inf, 0.0, 1.0)
+    # Not weakly typed, as Python's numbers are: `evaluate` would be traced again for those.
+    return jnp.where(rules.exact_below == jnp.inf, jnp.zeros(()), jnp.ones(()))
 
 
 def _newton_point(

@@ -11,6 +11,7 @@ import pytest
 from foresight_env.equilibrium.conditions.identical_players import moving_alike, peers_of
 from foresight_env.equilibrium.conditions.kkt import Iterate, Parameters
 from foresight_env.equilibrium.conditions.layout import layout_of
+from foresight_env.equilibrium.conditions.linearisation import first_order
 from foresight_env.equilibrium.conditions.pairs import pairs_of
 from foresight_env.equilibrium.conditions.residual import evaluate
 from foresight_env.games import (
@@ -301,7 +302,7 @@ def test_derived_costs_are_evaluated_themselves():
     with jax.enable_x64(True):
         point, parameters = at_random(game, [{}, {}])
         point = point._replace(mult=jnp.zeros_like(point.mult))
-        found = evaluate(layout, pairs_of(layout), point, parameters, None, 1e-3).lin.gradient
+        found = first_order(layout, point, parameters).gradient
         for i, lane in enumerate(lanes):
 
             def cost(place, lane=lane):
