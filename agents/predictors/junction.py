@@ -44,30 +44,33 @@ GENTLE = 3.0
 class Noise(NamedTuple):
     """Standard deviations of the latest observations."""
 
-    position: float = 0.05
+    position: float = 0.1
     """Of vehicles, m."""
-    speed: float = 0.005
+    speed: float = 0.007
     """Of vehicles, m/s: recordings are filtered, so speeds change smoothly."""
-    heading: float = 0.005
+    heading: float = 0.0025
     """Of vehicles, rad."""
-    walking: float = 0.05
+    walking: float = 0.1
     """Of people's positions and velocities, m and m/s."""
-    forgetting_factor: float = 2.0
+    forgetting_factor: float = 3.0
     """By how much all of them grow per step into the past: people change their minds."""
 
 
 class RealisticBelief(NamedTuple):
-    """Prior of the realistic game's parameters, and how agents depart from its equilibrium."""
+    """Prior of the realistic game's parameters, and how agents depart from its equilibrium.
+
+    Chosen on the development recordings of `evaluation.windows.interaction`.
+    """
 
     speed_deviation: float = 4.0
     """Of drivers' preferred speeds about the last observed one, m/s."""
-    curvature_deviation: float = 0.03
+    curvature_deviation: float = 0.15
     """Of the curvatures that they settle at about the last observed one, 1/m."""
-    velocity_deviation: float = 0.3
+    velocity_deviation: float = 0.5
     """Of people's preferred velocities, m/s."""
-    driving_gamma: tuple[float, float] = (0.6, 8.0)
+    driving_gamma: tuple[float, float] = (0.5, 25.0)
     """Centre and weight of the prior of drivers' discount factors per second."""
-    walking_gamma: tuple[float, float] = (0.8, 16.0)
+    walking_gamma: tuple[float, float] = (0.9, 25.0)
     """And of people's."""
     driving_wander: float = 0.4
     """Density of the white acceleration of vehicles beside the equilibrium, m^2/s^3."""

@@ -41,24 +41,37 @@ WALKING_ACCELERATION = 5.0
 
 
 class DrivingWeights(NamedTuple):
-    """Weights of a driver's costs, relative to that of squared jerk."""
+    """Weights of a driver's costs, relative to that of squared jerk.
 
-    speed_weight: float = 0.08
-    acceleration_weight: float = 0.1
+    Chosen, as those of `WalkingWeights`, on the development recordings of
+    `evaluation.windows.interaction` by the predictions' errors.
+    """
+
+    speed_weight: float = 0.15
+    """s^-4: of squared differences from the preferred speed."""
+    acceleration_weight: float = 0.12
+    """s^-2."""
     jerk_weight: float = 1.0
-    curvature_weight: float = 40.0
-    curvature_rate_weight: float = 65.0
-    lateral_weight: float = 0.05
-    path_weight: float = 0.3
-    collision_weight: float = 1.0
+    curvature_weight: float = 100.0
+    """m^4 s^-6, of squared differences from the curvature to settle at."""
+    curvature_rate_weight: float = 400.0
+    """m^4 s^-4."""
+    lateral_weight: float = 0.1
+    """s^-2, of squared lateral accelerations."""
+    path_weight: float = 3.0
+    """s^-6, of squared distances from the route."""
+    collision_weight: float = 0.5
+    """s^-6, of squared depths of conflicts (`Conflict`)."""
 
 
 class WalkingWeights(NamedTuple):
     """Weights of the costs of a person or a bicycle, relative to that of squared acceleration."""
 
-    velocity_weight: float = 0.5
+    velocity_weight: float = 1.3
+    """s^-2."""
     control_weight: float = 1.0
-    collision_weight: float = 0.1
+    collision_weight: float = 0.6
+    """s^-4."""
 
 
 class PreferredMotion(NamedTuple):
