@@ -88,7 +88,7 @@ class JunctionPredictor:
     belief: RealisticBelief = RealisticBelief()
     driving: DrivingWeights = DrivingWeights()
     walking: WalkingWeights = WalkingWeights()
-    starts: int = 2
+    starts: int = 4
 
     @property
     def name(self) -> str:

@@ -56,7 +56,7 @@ class DrivingWeights(NamedTuple):
     """m^4 s^-6, of squared differences from the curvature to settle at."""
     curvature_rate_weight: float = 400.0
     """m^4 s^-4."""
-    lateral_weight: float = 0.1
+    lateral_weight: float = 0.035
     """s^-2, of squared lateral accelerations."""
     path_weight: float = 3.0
     """s^-6, of squared distances from the route."""
