@@ -37,6 +37,9 @@ ROUTE_SPACING = 2
 """Every n-th point of a learned route is kept: `path_offset` averages over 1.5 m."""
 OBSERVED = 4
 """Entries of a state that are observed: `[px, py, vx, vy]`, of vehicles `[px, py, v, psi]`."""
+GAMMA_RANGE = (0.1, 1.0)
+"""Of inferred discount factors per second: with less, what is two seconds ahead would count for
+less than a hundredth, and nobody would brake for it."""
 GENTLE = 3.0
 """Greatest acceleration of a guessed initial state, m/s^2."""
 
@@ -151,7 +154,7 @@ class JunctionPredictor:
         names: tuple[str, ...] = ("velocity",)
         if is_vehicle(kind):
             names = ("speed",) if routed else ("speed", "curvature")
-        return Free(names, self.infer, True)
+        return Free(names, self.infer, True, GAMMA_RANGE)
 
     def _covariance(self, history: History) -> Float[np.ndarray, "K size size"]:
         """Covariance per observation, newest last."""
