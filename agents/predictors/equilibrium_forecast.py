@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from jaxtyping import Float
 
@@ -53,6 +55,21 @@ def equilibrium_forecast(
         found.gamma_deviation,
         found.gamma_identifiable,
     )
+
+
+def from_where_seen(forecast: Forecast, found: Estimate, history: History) -> Forecast:
+    """Return the forecast moved so that it begins where each agent was seen last.
+
+    The fit is a compromise between all observations; what it is off at the last one, it is off
+    later, and a path that jumps there is none that a car can take.
+    """
+    if forecast.fallback:
+        return forecast
+    last = [int(history.seen(i)[-1]) for i in range(len(history.kinds))]
+    off = np.stack(
+        [history.states[k, i, :2] - found.solution.states[i][k, :2] for i, k in enumerate(last)]
+    )
+    return replace(forecast, positions=forecast.positions + off)
 
 
 def _covariance(found: Estimate, future: slice) -> Float[np.ndarray, "P N 2 2"]:

@@ -13,6 +13,7 @@ from agents.predictors.encounter_fit import preferred_motion, seen_states
 from agents.predictors.equilibrium_forecast import (
     LEAST_STEPS,
     equilibrium_forecast,
+    from_where_seen,
     straight_on,
     wandering,
 )
@@ -109,7 +110,8 @@ class JunctionPredictor:
         departures = wandering(
             self.belief.walking_wander, self.belief.driving_wander, history, steps
         )
-        return equilibrium_forecast(found, history, steps, departures)
+        forecast = equilibrium_forecast(found, history, steps, departures)
+        return from_where_seen(forecast, found, history)
 
     def fit(self, history: History, steps: int) -> Estimate:
         """The estimate behind the forecast: it covers the history and `steps` more."""

@@ -151,12 +151,25 @@ def fitted_game(case: Case, known: int, horizon: int) -> Game:
     """The game that is fitted when the first `known` steps are known.
 
     Cars follow the published lane they have kept to so far or, elsewhere, a line fitted to what
-    has been seen of them, straight on beyond it. Corners and sides that an agent was seen in do not
-    bind it (`contradictions`); the others are elastic.
+    has been seen of them, straight on beyond it. Corners and sides that an agent was seen in bind
+    none of its class (`contradictions`): what one car drove over is no obstacle to cars. The others
+    are elastic.
     """
     lanes = tuple(None if walks else _lane(case, i, known) for i, walks in enumerate(case.walks))
     found = contradictions(case, known)
-    regions = tuple(without_violated(_region(case), found[agent]) for agent in case.agents)
+    # Per class, not per agent: players of one class stay identical, one compiled cost for all.
+    regions = tuple(
+        without_violated(
+            _region(case),
+            [
+                v
+                for agent, w in zip(case.agents, case.walks, strict=True)
+                if w == walks
+                for v in found[agent]
+            ],
+        )
+        for walks in case.walks
+    )
     return intersection_game(case.kinds, lanes, regions, horizon, case.dt, case.wheelbase, PENALTY)
 
 

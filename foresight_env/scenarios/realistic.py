@@ -32,8 +32,8 @@ MOST_JERK = 15.0
 """m/s^3, of cars: an emergency stop."""
 MOST_CURVATURE_RATE = 0.4
 """1/(m s): the steering wheel from lock to lock in just over a second."""
-MOST_LATERAL_ACCELERATION = 5.0
-"""m/s^2: the grip that drivers use in traffic."""
+MOST_LATERAL_ACCELERATION = 2.8
+"""m/s^2: recorded drivers stay below it at junctions."""
 LIMIT_PENALTY = 50.0
 """Per m/s or m/s^2 beyond the limits of driving and stage: estimated states may lie there."""
 WALKING_ACCELERATION = 5.0

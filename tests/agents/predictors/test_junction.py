@@ -53,6 +53,14 @@ def test_a_car_that_brakes_goes_less_far_than_at_constant_velocity():
         assert 0.5 < gained < 1.3
 
 
+def test_forecasts_begin_where_agents_were_seen_last():
+    """A last observation that is off sideways moves the forecast along, and makes no kink."""
+    history = driven()
+    history.states[-1, 0, 1] += 0.3
+    path = forecast(history).most_likely[:, 0]
+    np.testing.assert_allclose(path[0, 1], 0.3, atol=0.15)
+
+
 def test_a_car_stays_on_its_arc():
     history = driven(curvature=0.05)
     path = forecast(history).most_likely[:, 0]
