@@ -166,6 +166,13 @@ def print_compared_gammas(console: Console, case: Case, comparisons: Sequence[Co
             )
     console.print(table)
     console.print("Published: gamma per step. Realistic: gamma per second.")
+    for c in comparisons:
+        if c.gamma is not None:
+            told = ", ".join(c.unidentified) or "none"
+            console.print(
+                f"{c.game}: {c.free} free parameters; not identifiable from the window: {told}",
+                markup=False,
+            )
 
 
 def error_over_noise(rows: Sequence[Row], path: Path) -> Path:

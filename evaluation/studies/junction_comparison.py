@@ -45,6 +45,10 @@ class Comparison(NamedTuple):
     """Inferred from the whole window."""
     gamma_interval: Float[np.ndarray, "N 2"] | None
     gamma_identifiable: Bool[np.ndarray, "N"] | None
+    unidentified: tuple[str, ...]
+    """Free parameters that the whole window leaves open."""
+    free: int
+    """How many parameters were free."""
     fit_solved: bool
     """False where the fit failed: constant velocity is compared instead."""
     prediction_solved: bool
@@ -99,6 +103,16 @@ def _fit_realistic(case: Case, known: int, method: str, noise: Noise) -> Estimat
     return predictor.fit(history_of(case, known), len(case.states) - known)
 
 
+def _unidentified(case: Case, found: Estimate) -> tuple[str, ...]:
+    """Names of parameters that are not identifiable, initial states left out."""
+    names = (
+        f"{parameter.entry or parameter.kind} of {case.agents[parameter.player]}"
+        for parameter, known in zip(found.parameters, found.identifiable, strict=True)
+        if not known and parameter.kind != "initial_state"
+    )
+    return tuple(dict.fromkeys(names))  # an entry with two numbers once
+
+
 def _states(found: Estimate) -> Float[np.ndarray, "K N 4"]:
     """Observed entries of the estimated states, all agents."""
     return np.stack([s[:, :4] for s in found.solution.states], axis=1)
@@ -131,6 +145,8 @@ def _judged(
         whole.gamma if whole is not None and inferred else None,
         whole.gamma_interval if whole is not None and inferred else None,
         whole.gamma_identifiable if whole is not None and inferred else None,
+        _unidentified(case, whole) if whole is not None and fitted else (),
+        len(whole.parameters) if whole is not None else 0,
         fitted or whole is None,
         predicted or part is None,
     )

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
@@ -90,7 +91,7 @@ def violations(
             found.append(Violation("corner", index, float(depth)))
     if not walks and region.sides:
         boundary = RoadBoundary(region.sides)
-        inside = np.array([boundary(0, 1, (place,), (), {}) for place in seen])
+        inside = np.array([boundary(0, 1, (jnp.asarray(place),), (), {}) for place in seen])
         for index, depth in enumerate(-inside.min(axis=0, initial=np.inf)):
             if depth > 0.0:
                 found.append(Violation("side", index, float(depth)))
