@@ -12,7 +12,6 @@ import threading
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -54,9 +53,15 @@ class _FirstTime:
         self.done = False
 
 
-@lru_cache(maxsize=256)
-def _first_time(key: Hashable) -> _FirstTime:
-    return _FirstTime()
+_first_times: dict[Hashable, _FirstTime] = {}
+_finding = threading.Lock()
+
+
+def forget_compilations() -> None:
+    """Forget JAX's compiled programs, and what `first_time` remembers of them."""
+    with _finding:
+        _first_times.clear()
+    jax.clear_caches()
 
 
 @contextmanager
@@ -65,7 +70,8 @@ def first_time(key: Hashable) -> Iterator[bool]:
 
     Other threads with an equal key wait for the first one.
     """
-    state = _first_time(key)
+    with _finding:
+        state = _first_times.setdefault(key, _FirstTime())
     if state.done:
         yield False
         return
@@ -153,13 +159,15 @@ def announce_compilation(tell: Callable[[str], object]) -> Iterator[None]:
     if not _registered:
         _registered.append(True)
         jax.monitoring.register_event_duration_secs_listener(_listen)
-    _listeners.append(tell)
+    with _announcing:
+        _listeners.append(tell)
     try:
         yield
     finally:
-        _listeners.remove(tell)
-        if tell in _announced:
-            _announced.remove(tell)
+        with _announcing:
+            _listeners.remove(tell)
+            if tell in _announced:
+                _announced.remove(tell)
 
 
 def _listen(event: str, duration_secs: float, **details: str | int) -> None:

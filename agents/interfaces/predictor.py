@@ -16,11 +16,11 @@ from jaxtyping import Bool, Float
 
 @dataclass(frozen=True, eq=False)
 class Context:
-    """What is known of the place; predictors may ignore it."""
+    """Static information about the place; predictors may ignore it."""
 
     routes: tuple[Float[np.ndarray, "_ _"], ...] = ()
-    """Ways that vehicles take: (M, 4) points `[px, py, heading, curvature]` (m, m, rad, 1/m), 1 m
-    apart. Where there is no map they are learned from earlier traffic."""
+    """Centre lines of vehicles' routes: (M, 4) points `[px, py, heading, curvature]`, 1 m apart (m,
+    rad, 1/m). Where there is no map they are learned from earlier traffic."""
     frequencies: Float[np.ndarray, "R"] = field(default_factory=lambda: np.zeros(0))
     """How many vehicles took each route."""
 
@@ -87,7 +87,7 @@ class Forecast:
     covariance: Float[np.ndarray, "M P N 2 2"] | None = None
     """Of the positions, m^2, where the predictor has it."""
     gamma: Float[np.ndarray, "N"] | None = None
-    """Discount factors that the prediction rests on."""
+    """Discount factors that the prediction rests on: per step, of `junction-game` per second."""
     gamma_deviation: Float[np.ndarray, "N"] | None = None
     """Standard deviations; 0 where one rests on a limit of the search, or was not inferred."""
     gamma_identifiable: Bool[np.ndarray, "N"] | None = None

@@ -40,7 +40,7 @@ OBSERVED = 4
 """Entries of a state that are observed: `[px, py, vx, vy]`, of vehicles `[px, py, v, psi]`."""
 GAMMA_RANGE = (0.1, 1.0)
 """Of inferred discount factors per second: with less, what is two seconds ahead would count for
-less than a hundredth, and nobody would brake for it."""
+less than a hundredth."""
 GENTLE = 3.0
 """Greatest acceleration of a guessed initial state, m/s^2."""
 
@@ -56,8 +56,8 @@ class Noise(NamedTuple):
     """Of vehicles, rad."""
     walking: float = 0.1
     """Of people's positions and velocities, m and m/s."""
-    forgetting_factor: float = 3.0
-    """By how much all of them grow per step into the past: people change their minds."""
+    forgetting_factor: float = 15.6
+    """By how much all of them grow per second into the past: people change their minds."""
 
 
 class RealisticBelief(NamedTuple):
@@ -77,7 +77,7 @@ class RealisticBelief(NamedTuple):
     walking_gamma: tuple[float, float] = (0.9, 25.0)
     """And of people's."""
     driving_wander: float = 0.4
-    """Density of the white acceleration of vehicles beside the equilibrium, m^2/s^3."""
+    """Density of the white acceleration by which vehicles depart from it, m^2/s^3."""
     walking_wander: float = 0.08
     """And of people."""
 
@@ -106,7 +106,10 @@ class JunctionPredictor:
         """
         if len(history.states) < LEAST_STEPS:
             return straight_on(history, steps)
-        found = self.fit(history, steps)
+        return self.forecast(history, steps, self.fit(history, steps))
+
+    def forecast(self, history: History, steps: int, found: Estimate) -> Forecast:
+        """Return the forecast that a fit (`fit`) of the same history and steps makes."""
         departures = wandering(
             self.belief.walking_wander, self.belief.driving_wander, history, steps
         )
@@ -165,7 +168,7 @@ class JunctionPredictor:
         latest = np.concatenate(
             [driving if is_vehicle(k) else (noise.walking,) * OBSERVED for k in history.kinds]
         )
-        age = np.arange(len(history.states) - 1, -1, -1)
+        age = history.dt * np.arange(len(history.states) - 1, -1, -1)
         deviation = noise.forgetting_factor ** age[:, None] * latest
         return deviation[:, :, None] ** 2 * np.eye(len(latest))
 
@@ -185,7 +188,7 @@ class JunctionPredictor:
 
 
 def _preferred(history: History, seen: Float[np.ndarray, "K N 4"], agent: int) -> Any:
-    """What an agent would do alone: a driver's `PreferredMotion`, a person's velocity (2,)."""
+    """Preferred motion: a driver's `PreferredMotion`, a person's velocity (2,)."""
     preferred = preferred_motion(history, agent)
     if not is_vehicle(history.kinds[agent]):
         return preferred
@@ -201,7 +204,7 @@ def _route(history: History, state: Float[np.ndarray, "4"]) -> Float[np.ndarray,
     if state[2] < TURNING_SPEED:
         return None
     context = history.context
-    known = [Route(p, int(n)) for p, n in zip(context.routes, context.frequencies, strict=True)]
+    known = [Route(p, float(n)) for p, n in zip(context.routes, context.frequencies, strict=True)]
     possible = routes_at(known, state[:2], float(state[3]))
     if not possible:
         return None

@@ -53,9 +53,9 @@ def forget_if_many(
     _counted[0] = now
     if maps.read_bytes().count(b"\n") <= most and _resident() <= most_memory:
         return False
-    import jax
+    from foresight_env.compilation import forget_compilations
 
-    jax.clear_caches()
+    forget_compilations()
     for clear in _warm_ups:
         clear()
     gc.collect()

@@ -113,7 +113,8 @@ def print_violations(console: Console, found: Mapping[str, Sequence[Violation]])
         for violation in violations:
             console.print(
                 f"{agent}: recorded {violation.depth:.1f} m inside {violation.part} "
-                f"{violation.number + 1} of the region, which binds none of its class here",
+                f"{violation.number + 1} of the region, which in the fit to all steps binds none "
+                "of its class",
                 markup=False,
             )
 

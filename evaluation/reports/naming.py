@@ -21,8 +21,8 @@ COLOURS = {
     "assume-gamma-1": "#D55E00",
     "junction-game": "#0072B2",
     "junction-game-gamma-1": "#D55E00",
-    "encounter-game": "#CC79A7",
-    "encounter-game-gamma-1": "#E69F00",
+    "encounter-game": "#CC6677",
+    "encounter-game-gamma-1": "#DDCC77",
     "constant-velocity": "#009E73",
     "constant-turn-rate": "#56B4E9",
     "oracle": "#CC79A7",
@@ -41,7 +41,7 @@ COLOURS = {
 NARROW, HEADING = 100, 14
 """Up to which width of a terminal the heads of columns are broken, into lines of how many
 characters."""
-OTHER_COLOURS = ("#DDCC77", "#CC6677", "#88CCEE", "#777777")
+OTHER_COLOURS = ("#88CCEE", "#777777", "#BBBBBB")
 
 
 @lru_cache(maxsize=256)

@@ -1,6 +1,6 @@
 """One recorded window, two games: how well each explains it, and how well it predicts it.
 
-The published game and the realistic one, with discount factors inferred and 1, beside constant
+The published game and the realistic one, with discount factors inferred and 1, and constant
 velocity. *Fit*: the whole window is observed, and the trajectory of the fitted parameters compared
 with it. *Prediction*: the first steps are observed, and the rest compared.
 """
@@ -76,10 +76,11 @@ def compare(case: Case, known: int, parameters: str = "goals") -> list[Compariso
         for method in ("infer-gamma", "assume-gamma-1"):
             if game == "published":
                 whole = published.fit(case, "full", 0.0, 0, method, parameters)
-                part = published.fit(case, "full", 0.0, 0, method, parameters, known)
+                fitted = published.fit(case, "full", 0.0, 0, method, parameters, known)
+                part = _Part(_states(fitted), int(fitted.status) == Status.SOLVED)
             else:
                 whole = _fit_realistic(case, steps, method, EVEN)
-                part = _fit_realistic(case, known, method, Noise())
+                part = _predict_realistic(case, known, method)
             found.append(_judged(case, known, game, method, whole, part, line, ahead))
     found.append(_judged(case, known, "", "constant-velocity", None, None, line, ahead))
     return found
@@ -96,6 +97,24 @@ def history_of(case: Case, known: int) -> History:
             headings[:, i] = heading
     extents = np.full((len(case.kinds), 2), np.nan)
     return History(states, headings, case.kinds, extents, case.dt)
+
+
+class _Part(NamedTuple):
+    """A prediction."""
+
+    states: Float[np.ndarray, "K N 4"]
+    solved: bool
+
+
+def _predict_realistic(case: Case, known: int, method: str) -> _Part:
+    """What the predictor `junction-game` says; before, and of speeds and headings, its fit."""
+    predictor = JunctionPredictor(infer=method == "infer-gamma")
+    history, steps = history_of(case, known), len(case.states) - known
+    found = predictor.fit(history, steps)
+    forecast = predictor.forecast(history, steps, found)
+    states = _states(found)
+    states[known:, :, :2] = forecast.most_likely
+    return _Part(states, not forecast.fallback)
 
 
 def _fit_realistic(case: Case, known: int, method: str, noise: Noise) -> Estimate:
@@ -124,14 +143,14 @@ def _judged(
     game: str,
     method: str,
     whole: Estimate | None,
-    part: Estimate | None,
+    part: _Part | None,
     line: Float[np.ndarray, "K N 4"],
     ahead: Float[np.ndarray, "K N 4"],
 ) -> Comparison:
     fitted = whole is not None and int(whole.status) == Status.SOLVED
-    predicted = part is not None and int(part.status) == Status.SOLVED
     explained = _states(whole) if whole is not None and fitted else line
-    forecast = _states(part) if part is not None and predicted else ahead
+    predicted = part is not None and part.solved
+    forecast = part.states if part is not None and predicted else ahead
     rest = slice(known, None)
     truth, present = case.states[..., :2], case.present
     inferred = fitted and method == "infer-gamma"

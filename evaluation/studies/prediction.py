@@ -28,7 +28,7 @@ from evaluation.windows.interaction import (
 )
 from evaluation.windows.nearby import nearby_windows
 from evaluation.windows.table import WINDOW, with_windows, write_windows
-from foresight_env.datasets import Recording, open_recording, recordings_below
+from foresight_env.datasets import Recording, RouteMemory, open_recording, recordings_below
 
 KEY = (*WINDOW, "predictor", "settings")
 RULE = (
@@ -56,6 +56,11 @@ def _recording(place: Place) -> Recording:
     return open_recording(place[0], recording=place[1])
 
 
+@lru_cache(maxsize=8)
+def _routes(place: Place) -> RouteMemory:
+    return RouteMemory(_recording(place))
+
+
 @until_forgotten
 def warm_up(predictor: str, kinds: tuple[str, ...], observed: int, steps: int, dt: float) -> None:
     """Compile in this process what a prediction needs, so that latencies are those of running."""
@@ -78,9 +83,11 @@ def run_window(
     place: Place,
 ) -> Row:
     """One predictor's row for one window; the texts identify it in the store."""
-    window = cut(_recording(place), agents.split(","), frame)
+    window = cut(_recording(place), agents.split(","), frame, _routes(place))
     history, steps = window.history, len(window.truth)
     warm_up(predictor, history.kinds, len(history.states), steps, history.dt)
+    if history.context.routes:  # which may lead to programs of their own
+        make_predictor(predictor).predict(history, steps)
     begin = time.perf_counter()
     forecast = make_predictor(predictor).predict(history, steps)
     seconds = time.perf_counter() - begin

@@ -27,7 +27,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from agents.interfaces.predictor import Context, History
-from foresight_env.datasets import Interaction, Recording, closest_crossings, learned_routes
+from foresight_env.datasets import Interaction, Recording, RouteMemory, closest_crossings
 
 STEP_SECONDS = 0.4
 """Wanted time between steps; UCY has exactly this, DUT is taken every tenth frame."""
@@ -105,20 +105,28 @@ class Grid:
         return Grid(every, dt, observed, math.ceil(PREDICTED_SECONDS / dt - 1e-6))
 
 
-def cut(recording: Recording, agents: Sequence[str], frame: int) -> PredictionWindow:
-    """The window of these agents at a moment; ValueError when one was not seen before it."""
+def cut(
+    recording: Recording,
+    agents: Sequence[str],
+    frame: int,
+    routes: RouteMemory | None = None,
+) -> PredictionWindow:
+    """The window of these agents at a moment; ValueError when one was not seen before it.
+
+    `routes`: the recording's; None: they are learned anew, which takes as long as all else.
+    """
     grid = Grid.of(recording)
     first = frame - (grid.observed - 1) * grid.every
     window = recording.window(agents, first, grid.observed + grid.predicted, grid.every)
     known = slice(grid.observed)
-    routes = learned_routes(recording, frame)
+    known_routes = (routes or RouteMemory(recording)).before(frame)
     history = History(
         window.states[known],
         window.headings[known],
         window.kinds,
         window.extents,
         grid.dt,
-        Context(tuple(r.path for r in routes), np.array([float(r.frequency) for r in routes])),
+        Context(tuple(r.path for r in known_routes), np.array([r.frequency for r in known_routes])),
     )
     return PredictionWindow(
         recording.name, window.agents, frame, history, window.states[grid.observed :, :, :2]
@@ -133,6 +141,7 @@ def interaction_windows(recording: Recording) -> tuple[PredictionWindow, ...]:
     crossings = closest_crossings(
         recording, max_distance=NEAR, min_overlap_seconds=LEAST_OBSERVED * grid.dt
     )
+    routes = RouteMemory(recording)
     start, end = recording.frame_range
     moments = range(
         start + (LEAST_OBSERVED - 1) * grid.every,
@@ -148,7 +157,7 @@ def interaction_windows(recording: Recording) -> tuple[PredictionWindow, ...]:
         )
         for group in joined([agents for _, agents in pairs]):
             ordered = sorted(group, key=lambda agent: (recording.track(agent).kind, agent))
-            found.append(cut(recording, ordered, frame))
+            found.append(cut(recording, ordered, frame, routes))
     return tuple(found)
 
 
@@ -170,9 +179,9 @@ def joined(pairs: Sequence[tuple[str, str]]) -> list[frozenset[str]]:
     """Pairs joined, in their order, to groups of at most `MOST_AGENTS`."""
     group: dict[str, frozenset[str]] = {}
     for first, second in pairs:
-        joined = group.get(first, frozenset({first})) | group.get(second, frozenset({second}))
-        if len(joined) <= MOST_AGENTS:
-            group.update(dict.fromkeys(joined, joined))
+        both = group.get(first, frozenset({first})) | group.get(second, frozenset({second}))
+        if len(both) <= MOST_AGENTS:
+            group.update(dict.fromkeys(both, both))
     return sorted(set(group.values()), key=sorted)
 
 

@@ -3,7 +3,7 @@
 The rule. Moments and lengths are those of `evaluation.windows.interaction`. An agent counts where
 it is seen in the last `LEAST_OBSERVED` steps and in the next `LEAST_PREDICTED`, and has moved by
 `MOVED` in the former. Agents within `NEARBY` of each other at the moment form groups of at most
-`MOST_AGENTS`; closest pairs join first. Those who are alone are a group of one.
+`MOST_AGENTS`; closest pairs join first. An agent without such a neighbour is a group of one.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from evaluation.windows.interaction import (
     cut,
     joined,
 )
-from foresight_env.datasets import Recording
+from foresight_env.datasets import Recording, RouteMemory
 
 NEARBY = 15.0
 """m."""
@@ -33,6 +33,7 @@ def nearby_windows(recording: Recording) -> tuple[PredictionWindow, ...]:
     if not recording.tracks:
         return ()
     grid = Grid.of(recording)
+    routes = RouteMemory(recording)
     start, end = recording.frame_range
     moments = range(
         start + (LEAST_OBSERVED - 1) * grid.every,
@@ -52,7 +53,7 @@ def nearby_windows(recording: Recording) -> tuple[PredictionWindow, ...]:
         alone = set(places) - {name for group in groups for name in group}
         for group in [*groups, *(frozenset({name}) for name in sorted(alone))]:
             ordered = sorted(group, key=lambda agent: (recording.track(agent).kind, agent))
-            found.append(cut(recording, ordered, frame))
+            found.append(cut(recording, ordered, frame, routes))
     return tuple(found)
 
 

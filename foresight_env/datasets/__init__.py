@@ -12,7 +12,7 @@ from foresight_env.datasets.ind import find_ind_recordings, read_ind, write_ind
 from foresight_env.datasets.interactions import Interaction, closest_crossings, find_interaction
 from foresight_env.datasets.reader import Format, open_recording, recordings_below
 from foresight_env.datasets.recording import Recording
-from foresight_env.datasets.routes import Route, ahead_of, learned_routes, routes_at
+from foresight_env.datasets.routes import Route, RouteMemory, ahead_of, learned_routes, routes_at
 from foresight_env.datasets.track import Track, Window
 from foresight_env.datasets.ucy import UCY_RATE, read_ucy, write_ucy
 
@@ -24,6 +24,7 @@ __all__ = [
     "Recording",
     "RecordingError",
     "Route",
+    "RouteMemory",
     "Track",
     "Window",
     "ahead_of",

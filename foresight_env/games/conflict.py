@@ -16,7 +16,7 @@ from foresight_env.games.types import Controls, Scalar, StageNumber, States, The
 class Body:
     """Room that a road user takes.
 
-    A vehicle has the state `[px, py, v, psi, ...]`, everybody else `[px, py, vx, vy]`.
+    A vehicle has the state `[px, py, v, psi, ...]`, all others `[px, py, vx, vy]`.
     """
 
     vehicle: bool
@@ -36,8 +36,8 @@ class Conflict(PermutationInvariant):
     behind it `a = half_length + r + margin`, ahead of it `a + headway * v`, with `r` the radius of
     the other. At `(xi, eta)` in the vehicle's axes the depth is `r_ij = max(0, 1 - rho) b` with
     `rho^2 = (xi / a)^2 + (eta / b)^2`: it grows all the way to the middle. Between two vehicles
-    each looks from its own ellipse at two discs that cover the other. A person or bicycle looks at
-    a vehicle's ellipse from outside, and at others of its kind as discs.
+    each looks from its own ellipse at two discs at the ends of the other. People and bicycles count
+    their depth in a vehicle's ellipse, and in discs around each other.
     """
 
     bodies: tuple[Body, ...]

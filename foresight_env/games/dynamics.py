@@ -60,9 +60,10 @@ class DoubleIntegrator:
 
 
 class Vehicle:
-    """What cars have in common: state `[px, py, v, psi]` (m, m/s, rad), control `[a, ...]`.
+    """What cars have in common: a state that begins with `[px, py, v, psi]` (m, m/s, rad).
 
-    The first control is the acceleration along the heading (m/s^2), the second steers.
+    Of most the state ends there, the first control is the acceleration along the heading (m/s^2),
+    and the second steers.
     """
 
     state_size: ClassVar[int] = 4

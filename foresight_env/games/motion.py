@@ -25,6 +25,11 @@ def moving_state(
 
     Of two headings that differ by whole turns the one nearer to `heading` is taken.
     """
+    if dynamics.state_size != 4:
+        raise ValueError(
+            f"dynamics: {type(dynamics).__name__} has {dynamics.state_size} states; expected one "
+            "with 4, which a position and a velocity determine"
+        )
     if not isinstance(dynamics, Vehicle):
         return np.concatenate([position, velocity])
     speed = float(np.hypot(*velocity))

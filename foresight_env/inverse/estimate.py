@@ -162,7 +162,7 @@ def _compile_together(
     start: Start,
     cold: bool,
 ) -> None:
-    """Compile what an estimate calls: `search`, by far the largest, beside the others.
+    """Compile what an estimate calls: `search`, by far the largest, while the others compile.
 
     Only `search` has a second thread: tracing holds Python's lock. It is traced first, since all
     else is compiled before it is ready.

@@ -80,8 +80,13 @@ def violations(
         kind: Of the agent; corners are smaller for those who walk, who have no road sides.
         region: What is forbidden.
         places: Where it was seen, m; NaN where it was not.
+
+    Returns:
+        One entry per corner and side; empty for an agent that was never seen.
     """
     seen = places[~np.isnan(places).any(axis=1)]
+    if not len(seen):
+        return ()
     walks = not is_vehicle(kind)
     found = []
     for index, corner in enumerate(region.corners):

@@ -1,4 +1,4 @@
-"""Realistic traffic, for recordings: cars steer and brake smoothly, people walk on, all make way.
+"""Realistic traffic, for recordings: cars that steer and brake smoothly, and people.
 
 A driver has a preferred speed and a route, or a curvature to settle at where no route is known; a
 person or a bicycle a preferred velocity. All pay for leaving them, for what is uncomfortable, and
@@ -75,7 +75,7 @@ class WalkingWeights(NamedTuple):
 
 
 class PreferredMotion(NamedTuple):
-    """What a driver would do alone: go along a route, or an arc where none is known, at a speed."""
+    """Preferred motion of a driver: a speed, along a route, or an arc where none is known."""
 
     speed: Any
     """m/s."""
@@ -100,7 +100,7 @@ WALKING_MARGIN = 0.0
 def driver_theta(
     preferred: PreferredMotion, weights: DrivingWeights = DrivingWeights()
 ) -> dict[str, Any]:
-    """Return the parameters of a driver for `realistic_game`."""
+    """Return the parameters of a driver for `realistic_game`: preferred motion and weights."""
     theta = {"speed": preferred.speed, "begin": float(preferred.begin), **weights._asdict()}
     if preferred.path is None:
         return {**theta, "curvature": preferred.curvature, "anchor": preferred.anchor}
@@ -168,7 +168,7 @@ def _driver(dt: float, routed: bool, conflict: tuple[Conflict, ...]) -> Player:
         state_bounds=Bounds.box(low, high, 6),
         control_bounds=Bounds.box(-limit, limit, 2),
         inequalities=(Inequality(DrivingLimits(MOST_LATERAL_ACCELERATION), 3, LIMIT_PENALTY),),
-        extra_theta=("collision_weight",),  # of agents who meet nobody
+        extra_theta=("collision_weight",),  # of a single agent
     )
 
 

@@ -1,9 +1,18 @@
 """Routes learned from tracks that ended: one per way, counted, with heading and curvature."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from foresight_env.datasets import Recording, Track, ahead_of, learned_routes, routes_at
+from foresight_env.datasets import (
+    Recording,
+    RouteMemory,
+    Track,
+    ahead_of,
+    learned_routes,
+    routes_at,
+)
 
 RATE = 10.0
 
@@ -51,8 +60,20 @@ def test_the_longer_of_two_tracks_is_the_route():
 
 
 def test_parked_cars_have_no_route():
-    parked = drive("a", 0, speed=0.01)
-    assert learned_routes(recorded(parked), before=200) == ()
+    parked = drive("a", 0, speed=0.01, seconds=200.0)
+    trembling = 0.02 * np.random.default_rng(0).standard_normal(parked.position.shape)
+    shaken = replace(parked, position=parked.position + trembling)
+    assert learned_routes(recorded(shaken), before=3000) == ()
+
+
+def test_a_memory_has_the_routes_of_every_frame():
+    tracks = drive("a", 0), drive("b", 30, shift=0.8), drive("c", 60, radius=20.0)
+    memory = RouteMemory(recorded(*tracks))
+    for frame in (200, 40, 85, 50, 120):
+        found, expected = memory.before(frame), learned_routes(recorded(*tracks), frame)
+        assert [r.frequency for r in found] == [r.frequency for r in expected]
+        for route, other in zip(found, expected, strict=True):
+            np.testing.assert_array_equal(route.path, other.path)
 
 
 def test_routes_at_a_place_need_its_heading():

@@ -49,7 +49,7 @@ def test_a_first_estimate_compiles_each_program_once_and_a_second_none(monkeypat
     game = crosswalk_game(2, HORIZON)
     found = solve(game, MONTE_CARLO.initial_state, MONTE_CARLO.theta, [0.8, 0.8])
     jax.clear_caches()
-    compilation._first_time.cache_clear()
+    compilation._first_times.clear()
     monkeypatch.setattr(residual, "linearise", linearise)
     jax.monitoring.register_event_duration_secs_listener(listen)
     threads = threading.active_count()

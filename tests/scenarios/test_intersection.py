@@ -11,6 +11,7 @@ from foresight_env.scenarios.intersection import (
     PEDESTRIAN_SHRINK,
     intersection_game,
     player_theta,
+    violations,
 )
 
 
@@ -73,3 +74,7 @@ def test_wrong_agents_are_named(kinds, lanes, message):
 def test_only_cars_have_a_lane_weight():
     assert "lane_weight" not in player_theta("pedestrian", (0.0, 0.0))
     assert player_theta("truck_bus", (0.0, 0.0))["lane_weight"] > 0.0
+
+
+def test_an_agent_that_was_never_seen_contradicts_nothing():
+    assert violations("car", AACHEN.region, np.full((3, 2), np.nan)) == ()

@@ -11,6 +11,7 @@ from foresight_env.scenarios.realistic import (
     DRIVING_MARGIN,
     HEADWAY,
     LIMIT_PENALTY,
+    MOST_JERK,
     MOST_LATERAL_ACCELERATION,
     DrivingWeights,
     PreferredMotion,
@@ -150,5 +151,6 @@ def test_a_car_gives_way_to_a_person_and_drives_like_a_car():
     assert car[:, 2].min() < 4.0  # it slows down for the person
     assert car[-1, 2] > car[:, 2].min()  # and goes on
     assert np.linalg.norm(car[:, :2] - person[:, :2], axis=1).min() > 2.0
-    assert np.abs(np.diff(car[:, 4])).max() <= 15.0 * dt
+    # Far from the limits of what a car can: nothing forces it.
+    assert np.abs(np.diff(car[:, 4])).max() < 0.5 * MOST_JERK * dt
     assert np.abs(car[:, 2] ** 2 * car[:, 5]).max() < MOST_LATERAL_ACCELERATION

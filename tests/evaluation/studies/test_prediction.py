@@ -194,3 +194,36 @@ def test_the_report_counts_failures_and_compares_the_rest(tmp_path, data):
     assert line["won"] == "0%"
     picture = prediction_report.error_over_time(rows, tmp_path / "picture.png")
     assert picture.stat().st_size > 10_000
+
+
+def test_errors_by_class_in_mixed_windows(tmp_path, data):
+    """One person who is off by 1 m and one vehicle by 3 m; the other predictor's vehicle by 5 m."""
+    rows = study(tmp_path / "study", data, SIMPLE, workers=0)
+    mixed = []
+    for row in rows:
+        vehicle = 3.0 if row["predictor"] == SIMPLE[0] else 5.0
+        each = {name: [1.0, vehicle] for name in row if name.startswith("agent_")}
+        each |= {"agent_lateral_predicted": [0.5, vehicle], "kinds": ["pedestrian", "car"]}
+        mixed.append({**row, **each})
+    lines = prediction_report.by_class(mixed)
+    found = {(line["class"], line["predictor"]): line for line in lines}
+    assert found["people", SIMPLE[0]]["ADE [m]"] == "1.000"
+    assert found["vehicles", SIMPLE[0]]["ADE [m]"] == "3.000"
+    assert found["vehicles", SIMPLE[1]]["2 s: ADE / FDE [m]"] == "5.00 / 5.00"
+    column = "lateral acceleration, p99 (recorded) [m/s^2]"
+    assert found["vehicles", SIMPLE[1]][column] == "5.0 (5.0)"
+    gaps = {line["class"]: line for line in prediction_report.class_differences(mixed)}
+    first = prediction_report.predictors(mixed)[0]
+    sign = "-" if first == SIMPLE[0] else "+"
+    assert gaps["vehicles"]["ADE [m]"] == f"{sign}2.000 (too few groups)"
+    assert gaps["people"]["ADE [m]"] == "+0.000 (too few groups)"
+
+
+def test_a_study_of_all_windows(tmp_path, data):
+    rows = study(tmp_path, data, SIMPLE[:1], windows="all", workers=0)
+    expected = nearby_windows(two_people())
+    assert sorted((r["frame"], r["agents"]) for r in rows) == sorted(
+        (w.frame, ",".join(w.agents)) for w in expected
+    )
+    with pytest.raises(ValueError, match="another configuration"):
+        study(tmp_path, data, SIMPLE[:1], workers=0)
