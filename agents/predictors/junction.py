@@ -70,7 +70,7 @@ class RealisticBelief(NamedTuple):
     """Of drivers' preferred speeds about the last observed one, m/s."""
     curvature_deviation: float = 0.15
     """Of the curvatures that they settle at about the last observed one, 1/m."""
-    velocity_deviation: float = 0.5
+    velocity_deviation: float = 0.3
     """Of people's preferred velocities, m/s."""
     driving_gamma: tuple[float, float] = (0.5, 25.0)
     """Centre and weight of the prior of drivers' discount factors per second."""
@@ -78,7 +78,7 @@ class RealisticBelief(NamedTuple):
     """And of people's."""
     driving_wander: float = 0.4
     """Density of the white acceleration by which vehicles depart from it, m^2/s^3."""
-    walking_wander: float = 0.08
+    walking_wander: float = 0.02
     """And of people."""
 
 
