@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Array, Bool, Float
 
 from foresight_env.compilation import compiled
 from foresight_env.equilibrium.checks.validation import check_kinds, check_parameters
@@ -34,10 +34,17 @@ from foresight_env.inverse.laplace import (
 )
 from foresight_env.inverse.linear_step import Rates, linear_step
 from foresight_env.inverse.multi_start import MOST_STARTS, MultiStart, search
-from foresight_env.inverse.parameter import Parameter
 from foresight_env.inverse.prior import Prior, prior_terms
 from foresight_env.inverse.profile import Profile, profiled
+from foresight_env.inverse.result import Estimate
 from foresight_env.inverse.tracking import track
+from foresight_env.inverse.tracking_term import (
+    has_tracking_cost,
+    tracking_precision,
+    with_tracking,
+    with_tracking_cost,
+    without_tracking,
+)
 from foresight_env.inverse.validation import (
     check_information,
     check_observations,
@@ -47,89 +54,30 @@ from foresight_env.inverse.validation import (
 from foresight_env.precision import to_numpy
 
 
-class Estimate(NamedTuple):
-    """Estimated parameters, how certain they are, and the trajectory that they imply."""
-
-    theta: tuple[Theta, ...]
-    gamma: Float[np.ndarray, "N"]
-    initial_state: tuple[Float[np.ndarray, "_"], ...]
-    solution: Solution
-    """The equilibrium at the estimate: the past explained, the rest of the horizon predicted."""
-    cost: Float[np.ndarray, ""]
-    """Value of the objective (paper, problem 1, prior included)."""
-    parameters: tuple[Parameter, ...]
-    """The p free parameters, in the order of `values` and `covariance`."""
-    values: Float[np.ndarray, "p"]
-    covariance: Float[np.ndarray, "p p"]
-    """Laplace approximation: inverse of the Gauss-Newton information, prior included."""
-    identifiable: Bool[np.ndarray, "p"]
-    """False where the data leave a parameter open (`inverse.laplace.is_identifiable`); with a
-    profile also discount factors whose interval is as wide as that of a uniform guess on their
-    range."""
-    state_jacobian: Float[np.ndarray, "stages n p"]
-    """Derivative of the joint trajectory by the free parameters."""
-    status: Int[np.ndarray, ""]
-    """`Status.SOLVED` when some start found a fit whose game was solved."""
-    num_forward_solves: Int[np.ndarray, ""]
-    """All starts and the profile together."""
-    num_newton_steps: Int[np.ndarray, ""]
-    """Of the forward solve at the estimate."""
-    start_costs: Float[np.ndarray, "S"]
-    """Objective reached from each start; infinite where solves failed or the start was spared."""
-    gamma_interval: Float[np.ndarray, "N 2"]
-    """Intervals of the discount factors: at `profile.level` where `estimate` was given a profile,
-    else 90 % by the Laplace approximation, within the limits; of width 0 where fixed."""
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the free parameters, such as `goal[0] of 1`, `gamma of 0`."""
-        return tuple(str(parameter) for parameter in self.parameters)
-
-    @property
-    def deviation(self) -> Float[np.ndarray, "p"]:
-        """Standard deviation of each free parameter."""
-        return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
-
-    @property
-    def state_deviation(self) -> tuple[Float[np.ndarray, "stages _"], ...]:
-        """Standard deviation of the trajectory that `covariance` implies, per player."""
-        rates = self.state_jacobian
-        variance = np.einsum("tnp,pq,tnq->tn", rates, self.covariance, rates)
-        ends = np.cumsum([s.shape[1] for s in self.solution.states])[:-1]
-        return tuple(np.split(np.sqrt(np.maximum(variance, 0.0)), ends, axis=1))
-
-    @property
-    def gamma_deviation(self) -> Float[np.ndarray, "N"]:
-        """Standard deviation of each discount factor; 0 where it is fixed."""
-        return self._per_player(self.deviation, np.zeros(len(self.gamma)))
-
-    @property
-    def gamma_identifiable(self) -> Bool[np.ndarray, "N"]:
-        """Whether the data identify each discount factor; True where it is fixed."""
-        return self._per_player(self.identifiable, np.ones(len(self.gamma), dtype=bool))
-
-    def _per_player(self, values: np.ndarray, fixed: np.ndarray) -> np.ndarray:
-        """Entries of the discount factors among `values`, `fixed` elsewhere."""
-        for parameter, value in zip(self.parameters, values, strict=True):
-            if parameter.kind == "gamma":
-                fixed[parameter.player] = value
-        return fixed
-
-    def __repr__(self) -> str:
-        found = ", ".join(
-            f"{value:.2f} +- {deviation:.2f}"
-            for value, deviation in zip(self.gamma, self.gamma_deviation, strict=True)
-        )
-        return (
-            f"Estimate({Status(int(self.status)).name}, cost={float(self.cost):.3g}, "
-            f"gamma=[{found}], parameters={len(self.parameters)}, "
-            f"forward solves={int(self.num_forward_solves)}, solution={self.solution!r})"
-        )
-
-
 @compiled(static_argnums=0)
-def _tracked(problem: Problem, data: Data, base: Parameters) -> Iterate:
-    return from_controls(problem.layout, problem.options, base, track(problem, data, base))
+def _tracked(problem: Problem, data: Data, base: Parameters) -> tuple[Iterate, Array]:
+    """The start that follows the observations, and the tracking term's precisions about it."""
+    layout = problem.layout
+    point = from_controls(layout, problem.options, base, track(problem, data, base))
+    if not has_tracking_cost(layout):
+        return point, jnp.zeros_like(point.x)
+    return point, tracking_precision(layout, problem.model, data.whiten, base, point)
+
+
+def _started(
+    problem: Problem, data: Data, base: Parameters, warm: Iterate | None
+) -> tuple[Parameters, Iterate]:
+    """Parameters, those of the tracking term included, and where forward solves start."""
+    layout = problem.layout
+    nowhere = np.zeros((layout.game.horizon, layout.n))
+    if has_tracking_cost(layout):
+        base = with_tracking(layout, base, nowhere, nowhere)
+    if warm is not None:
+        return base, warm
+    point, precision = _tracked(problem, data, base)
+    if has_tracking_cost(layout):
+        base = with_tracking(layout, base, point.x, precision)
+    return base, point
 
 
 @compiled(static_argnums=0)
@@ -228,7 +176,8 @@ def estimate(
         budget=(budget, Budget),
         options=(options, SolverOptions),
     )
-    layout = layout_of(game)
+    tracked = isinstance(method, GaussNewton) and len(method.tracking_weights) > 0
+    layout = layout_of(with_tracking_cost(game) if tracked else game)
     parameters = check_parameters(game, initial_state, theta, gamma, "initial_state")
     coordinates, chosen = Coordinates.of(layout, free, parameters)
     if not chosen.any():
@@ -253,7 +202,7 @@ def estimate(
             begin = _stepped(problem, data, parameters, begin, warm, initial_guess_rates, chosen)
         initial = starts.spread(begin, coordinates.is_gamma & chosen, limits)
         padded = np.pad(initial, ((0, MOST_STARTS - len(initial)), (0, 0)), mode="edge")
-        point = _tracked(problem, data, parameters) if warm is None else warm
+        parameters, point = _started(problem, data, parameters, warm)
         granted = limits_of(budget)
         start = Start(point, np.asarray(warm is not None), limits=granted)
         fit, count, costs = search(
@@ -282,7 +231,7 @@ def estimate(
         p for p, is_free in zip(coordinates.parameters, chosen, strict=True) if is_free
     )
     return Estimate(
-        found.theta,
+        without_tracking(found.theta),
         found.gamma,
         tuple(found.initial_state[s] for s in layout.state_slices),
         solution,

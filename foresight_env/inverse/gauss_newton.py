@@ -27,8 +27,10 @@ from foresight_env.inverse.fit import (
     continued,
     evaluate_fit,
     extrapolated,
+    predicted,
     unevaluated,
 )
+from foresight_env.inverse.tracking_term import has_tracking_cost, weighted
 
 
 @dataclass(frozen=True)
@@ -83,6 +85,11 @@ class GaussNewton:
     way; each fit is where the next one begins. Takes at most a quarter of `max_iterations` each;
     left out where the caller has an initial guess."""
 
+    tracking_weights: tuple[float | Scalar, ...] = (100.0, 10.0, 1.0, 0.1, 1e-2, 1e-3)
+    """Falling weights of the tracking term (module `tracking_term`) of the games that are fitted
+    before all others, to the trajectory that follows the observations; relative to what squared
+    controls cost. `()`: none. `benchmarks.synthetic_windows` measures fits with them; left out
+    where the caller has an initial guess."""
     initial_cost_limit: float | Scalar = np.inf
     """Cost of the first game above which a search from a caller's guess ends with it."""
 
@@ -91,6 +98,11 @@ class GaussNewton:
         numbers = [b for b in self.smoothing if isinstance(b, Real)]
         if not all(b > 0.0 for b in numbers):
             raise ValueError(f"smoothing: is {self.smoothing}; expected positive numbers")
+        weights = [w for w in self.tracking_weights if isinstance(w, Real)]
+        if not all(w > 0.0 for w in weights):
+            raise ValueError(
+                f"tracking_weights: is {self.tracking_weights}; expected positive numbers"
+            )
 
     def run(
         self,
@@ -102,11 +114,18 @@ class GaussNewton:
     ) -> tuple[Fit, Int[Array, ""]]:
         """Improve `values`; returns the best fit and the number of forward solves."""
         low, high = data.low, data.high
-        barriers = jnp.asarray((*self.smoothing, problem.options.barrier))
+        tracking = self.tracking_weights if has_tracking_cost(problem.layout) else ()
+        smoothest = self.smoothing[:1] or (problem.options.barrier,)
+        barriers = jnp.asarray(
+            (*smoothest * len(tracking), *self.smoothing, problem.options.barrier)
+        )
+        last = barriers.size - 1
+        weights = jnp.asarray((*tracking, *(0.0,) * (barriers.size - len(tracking))))
+        followed = predicted(problem, base.initial_state, start.point.x, data.values.shape[0])
         longest = jnp.maximum(1, self.max_iterations // 4)
 
         def unfinished(state: _State) -> Bool[Array, ""]:
-            final = (state.phase == len(self.smoothing)) & ~state.renewed
+            final = (state.phase == last) & ~state.renewed
             return ~state.done & ((state.solves <= self.max_iterations) | ~final)
 
         def body(state: _State) -> _State:
@@ -116,9 +135,14 @@ class GaussNewton:
             begin = begin._replace(
                 barrier=barriers[state.phase], limits=limits.of_trial(~state.renewed)
             )
-            trial = evaluate_fit(problem, data, base, state.trial, begin)
+            game, seen = base, data
+            if tracking:
+                game = weighted(base, weights[state.phase])
+                follows = state.phase < len(tracking)
+                seen = data._replace(values=jnp.where(follows, followed, data.values))
+            trial = evaluate_fit(problem, seen, game, state.trial, begin)
             # What another game's fit cost is no measure of this one.
-            final = state.phase == len(self.smoothing)
+            final = state.phase == last
             stiffness = SETTINGS.pull * jnp.sum(trial.jacobian**2, axis=0)
             stiffness = jnp.where(state.solves == 0, stiffness, state.stiffness)
             pull = jnp.where(final, 0.0, stiffness)
@@ -140,7 +164,7 @@ class GaussNewton:
             chosen = jax.tree.map(lambda new, old: jnp.where(better, new, old), trial, fit)
             following = over & ~final
             damping = jnp.where(following, jnp.maximum(damping, SETTINGS.phase_damping), damping)
-            pull = jnp.where(following & (state.phase + 1 == len(self.smoothing)), 0.0, pull)
+            pull = jnp.where(following & (state.phase + 1 == last), 0.0, pull)
             step = damped_step(
                 chosen.values, chosen.residual, chosen.jacobian, damping, data, pull, values
             )
@@ -164,7 +188,7 @@ class GaussNewton:
         zero, no = jnp.zeros((), int), jnp.zeros((), bool)
         # A solution of a similar game is where smoothing would lead.
         skipped = False if start.warm is None else start.warm
-        phase = jnp.where(skipped, len(self.smoothing), zero)
+        phase = jnp.where(skipped, last, zero)
         begin = _State(
             nothing,
             nothing.cost,
@@ -194,7 +218,7 @@ class _State(NamedTuple):
     steps: Int[Array, ""]
     """In this phase."""
     phase: Int[Array, ""]
-    """Index of the complementarity product."""
+    """Index of the tracking term's weight, then of the complementarity product."""
     renewed: Bool[Array, ""]
     """The trial is the first of its phase: there is no fit yet to compare it with."""
     done: Bool[Array, ""]

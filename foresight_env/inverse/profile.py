@@ -122,6 +122,7 @@ def profiled(
         max_iterations=profile.iterations,
         cost_tolerance=WALKING_TOLERANCE,
         initial_cost_limit=np.inf,
+        tracking_weights=(),
     )
     thorough = replace(walking, max_iterations=FROM_SMOOTHED * profile.iterations)
 
