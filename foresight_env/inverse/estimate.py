@@ -34,6 +34,7 @@ from foresight_env.inverse.laplace import (
 )
 from foresight_env.inverse.linear_step import Rates, linear_step
 from foresight_env.inverse.multi_start import MOST_STARTS, MultiStart, search
+from foresight_env.inverse.posterior import Posterior, Search, sampled
 from foresight_env.inverse.prior import Prior, prior_terms
 from foresight_env.inverse.profile import Profile, profiled
 from foresight_env.inverse.result import Estimate
@@ -69,13 +70,14 @@ def _started(
 ) -> tuple[Parameters, Iterate]:
     """Parameters, those of the tracking term included, and where forward solves start."""
     layout = problem.layout
-    nowhere = np.zeros((layout.game.horizon, layout.n))
-    if has_tracking_cost(layout):
-        base = with_tracking(layout, base, nowhere, nowhere)
+    tracked = has_tracking_cost(layout)
+    nothing = np.zeros((layout.game.horizon, layout.n))
     if warm is not None:
-        return base, warm
+        return (with_tracking(layout, base, warm.x, nothing) if tracked else base), warm
+    if tracked:
+        base = with_tracking(layout, base, nothing, nothing)
     point, precision = _tracked(problem, data, base)
-    if has_tracking_cost(layout):
+    if tracked:
         base = with_tracking(layout, base, point.x, precision)
     return base, point
 
@@ -130,6 +132,7 @@ def estimate(
     method: GaussNewton | GradientDescent = GaussNewton(),
     starts: MultiStart = MultiStart(),
     profile: Profile | None = None,
+    posterior: Posterior | None = None,
     initial_guess: Solution | None = None,
     initial_guess_rates: Rates | None = None,
     budget: Budget = Budget.offline(),
@@ -153,6 +156,9 @@ def estimate(
         profile: find intervals of the discount factors by profile likelihood (always by
             Gauss-Newton), typically at two to six times the forward solves of the estimate alone
             and more where better fits are met on the way, which replace it.
+        posterior: average over the posterior, `Estimate.mean`; `solution` and parameters are then
+            those of the sampled equilibrium nearest to the mean trajectory, and intervals of the
+            discount factors are the posterior's. Not together with a profile.
         initial_guess: solution of a similar game to start from; by default a trajectory that
             follows the observations.
         initial_guess_rates: how `initial_guess` changes with the free parameters; the search then
@@ -173,9 +179,12 @@ def estimate(
         method=(method, GaussNewton, GradientDescent),
         starts=(starts, MultiStart),
         profile=(profile, Profile, type(None)),
+        posterior=(posterior, Posterior, type(None)),
         budget=(budget, Budget),
         options=(options, SolverOptions),
     )
+    if profile is not None and posterior is not None:
+        raise ValueError("posterior: is given with a profile; expected one of both")
     tracked = isinstance(method, GaussNewton) and len(method.tracking_weights) > 0
     layout = layout_of(with_tracking_cost(game) if tracked else game)
     parameters = check_parameters(game, initial_state, theta, gamma, "initial_state")
@@ -213,17 +222,26 @@ def estimate(
             local = method if isinstance(method, GaussNewton) else GaussNewton()
             fit, intervals, more = profiled(problem, data, parameters, fit, local, profile, granted)
             count = count + more
+        average = None
+        if posterior is not None and bool(fit.success):
+            local = method if isinstance(method, GaussNewton) else GaussNewton()
+            how = Search(local, start, begin)
+            average = sampled(problem, data, parameters, fit, how, posterior)
+            fit, intervals, count = average.nearest, average.intervals, count + average.solves
         found, solution, spread, identifiable, rates = to_numpy(
             _finish(problem, data, parameters, fit)
         )
         fit, count, costs = to_numpy((fit, count, costs))
     at = np.flatnonzero(coordinates.is_gamma)
-    if profile is None or intervals is None:
+    if average is not None:
+        spread = average.covariance
+    settings = profile if posterior is None else posterior
+    if intervals is None or settings is None:
         intervals = laplace_intervals(fit.values[at], spread[at, at], limits[0][at], limits[1][at])
     else:
         # A narrow interval speaks for the data unless the prior alone would make it narrow.
         firm = np.sum(root[:, at] ** 2, axis=0) > OPEN_GAMMA_DEVIATION**-2
-        narrow = np.diff(intervals)[:, 0] < profile.level * (limits[1] - limits[0])[at]
+        narrow = np.diff(intervals)[:, 0] < settings.level * (limits[1] - limits[0])[at]
         identifiable = identifiable.copy()
         identifiable[at] = np.where(firm, identifiable[at], narrow)
     status = solution.status if fit.success else np.asarray(int(Status.ITERATION_LIMIT))
@@ -246,4 +264,5 @@ def estimate(
         fit.newton_steps,
         costs[: len(initial)],
         intervals,
+        None if average is None else average.mean._replace(values=average.mean.values[chosen]),
     )

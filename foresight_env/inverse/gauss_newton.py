@@ -30,7 +30,7 @@ from foresight_env.inverse.fit import (
     predicted,
     unevaluated,
 )
-from foresight_env.inverse.tracking_term import has_tracking_cost, weighted
+from foresight_env.inverse.tracking_term import TARGET, has_tracking_cost, weighted
 
 
 @dataclass(frozen=True)
@@ -61,6 +61,8 @@ class SearchSettings:
     """Factor of the damping after one that went too far: games far away take many Newton steps, so
     a second one nearly as far is not tried."""
     least_damping: float = 1e-9
+    tracking_solves: int = 3
+    """Forward solves per weight of the tracking term that do not count as iterations."""
 
 
 SETTINGS = SearchSettings()
@@ -121,12 +123,17 @@ class GaussNewton:
         )
         last = barriers.size - 1
         weights = jnp.asarray((*tracking, *(0.0,) * (barriers.size - len(tracking))))
-        followed = predicted(problem, base.initial_state, start.point.x, data.values.shape[0])
+        followed = data.values
+        if tracking:
+            target = jnp.concatenate([own[TARGET] for own in base.theta], axis=1)
+            followed = predicted(problem, base.initial_state, target, data.values.shape[0])
+        # Fits to the tracked trajectory are an initial guess, and no part of the budget.
+        most = self.max_iterations + SETTINGS.tracking_solves * len(tracking)
         longest = jnp.maximum(1, self.max_iterations // 4)
 
         def unfinished(state: _State) -> Bool[Array, ""]:
             final = (state.phase == last) & ~state.renewed
-            return ~state.done & ((state.solves <= self.max_iterations) | ~final)
+            return ~state.done & ((state.solves <= most) | ~final)
 
         def body(state: _State) -> _State:
             fit = state.fit

@@ -11,6 +11,7 @@ from foresight_env.equilibrium.solve import Solution
 from foresight_env.equilibrium.status import Status
 from foresight_env.games.types import Theta
 from foresight_env.inverse.parameter import Parameter
+from foresight_env.inverse.posterior import PosteriorMean
 
 
 class Estimate(NamedTuple):
@@ -43,8 +44,11 @@ class Estimate(NamedTuple):
     start_costs: Float[np.ndarray, "S"]
     """Objective reached from each start; infinite where solves failed or the start was spared."""
     gamma_interval: Float[np.ndarray, "N 2"]
-    """Intervals of the discount factors: at `profile.level` where `estimate` was given a profile,
-    else 90 % by the Laplace approximation, within the limits; of width 0 where fixed."""
+    """Intervals of the discount factors: at the level of the profile or the posterior that
+    `estimate` was given, else 90 % by the Laplace approximation, within the limits; of width 0
+    where fixed."""
+    mean: PosteriorMean | None = None
+    """Averages over the posterior; None without one."""
 
     @property
     def names(self) -> tuple[str, ...]:
