@@ -11,7 +11,7 @@ from foresight_env.inverse.linear_step import Rates
 from foresight_env.inverse.moving_horizon import MovingHorizonEstimator, MovingHorizonState
 from foresight_env.inverse.multi_start import MultiStart
 from foresight_env.inverse.parameter import Parameter
-from foresight_env.inverse.posterior import Posterior
+from foresight_env.inverse.posterior import Posterior, PosteriorMean
 from foresight_env.inverse.prior import Prior
 from foresight_env.inverse.profile import Profile
 from foresight_env.inverse.result import Estimate
@@ -29,6 +29,7 @@ __all__ = [
     "NeverSeenError",
     "Parameter",
     "Posterior",
+    "PosteriorMean",
     "Prior",
     "ProcessNoise",
     "Profile",

@@ -234,7 +234,7 @@ def estimate(
         fit, count, costs = to_numpy((fit, count, costs))
     at = np.flatnonzero(coordinates.is_gamma)
     if average is not None:
-        spread = average.covariance
+        spread, identifiable = average.covariance, average.identifiable
     settings = profile if posterior is None else posterior
     if intervals is None or settings is None:
         intervals = laplace_intervals(fit.values[at], spread[at, at], limits[0][at], limits[1][at])

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from foresight_env.compilation import compiled
 from foresight_env.equilibrium.conditions.kkt import Parameters
@@ -99,6 +99,8 @@ class Sampled(NamedTuple):
     intervals: Float[np.ndarray, "N 2"]
     covariance: Float[np.ndarray, "p p"]
     """Between samples, and within them by the Laplace approximation."""
+    identifiable: Bool[np.ndarray, "p"]
+    """As at the best fit: samples hold the discount factors."""
     solves: int
 
 
@@ -126,12 +128,12 @@ def sampled(
     priors = _priors(problem, data, at)
     fits, points = [mode], [_ranks(priors, np.asarray(mode.values)[at])]
     weights = np.ones(1)
+    spread, identifiable = (np.asarray(part) for part in _laplace(problem, data, mode))
     if at.size:
         slope = np.array(
             [p.density(float(v)) for p, v in zip(priors, mode.values[at], strict=True)]
         )
-        covariance = np.asarray(_laplace(problem, data, mode)[0])[np.ix_(at, at)]
-        first = FIRST_DEVIATION**2 * covariance * np.outer(slope, slope)
+        first = FIRST_DEVIATION**2 * spread[np.ix_(at, at)] * np.outer(slope, slope)
         proposals: list[tuple[Proposal, int]] = []
         counts = np.diff(np.linspace(0, posterior.samples, posterior.rounds + 1).astype(int))
         for number, count in enumerate(counts):
@@ -146,7 +148,7 @@ def sampled(
                 ranks = np.array(points)
             weights = _weights(fits, np.array(points), proposals)
     kept = np.flatnonzero(weights > NEGLIGIBLE)
-    return _averages(
+    averages = _averages(
         problem,
         data._replace(free=held),
         base,
@@ -156,6 +158,7 @@ def sampled(
         at,
         spent(),
     )
+    return averages._replace(identifiable=identifiable)
 
 
 def _fitting(
@@ -252,7 +255,8 @@ def _averages(
         float(1.0 / np.sum(weights**2)),
     )
     covariance = np.sum(within, axis=0) + (weights[:, None] * away).T @ away
-    return Sampled(nearest, averages, intervals, covariance, solves)
+    unknown = np.zeros(center.size, dtype=bool)
+    return Sampled(nearest, averages, intervals, covariance, unknown, solves)
 
 
 def _states(

@@ -161,6 +161,7 @@ def test_a_posterior_of_exact_data_is_the_truth():
     np.testing.assert_allclose(np.concatenate(found.mean.states, axis=1), seen, atol=2e-3)
     np.testing.assert_allclose(found.gamma, gamma, atol=0.03)
     assert len(found.mean.values) == len(found.parameters)
+    assert found.identifiable.all()
 
 
 def test_wrong_settings_are_named():
