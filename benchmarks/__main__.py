@@ -32,6 +32,7 @@ class Study(StrEnum):
     EGOS = "egos"
     LEARNED_GAMMA = "learned_gamma"
     INTERSECTION = "intersection"
+    SYNTHETIC_WINDOWS = "synthetic_windows"
     STRESS = "stress"
     ENVIRONMENT = "environment"
     VECTOR = "vector"

@@ -26,6 +26,7 @@ from foresight_env.inverse import (
     Estimate,
     Free,
     MultiStart,
+    Posterior,
     Profile,
     cramer_rao,
     estimate,
@@ -38,6 +39,10 @@ METHODS = ("infer-gamma", "assume-gamma-1")
 OBSERVATIONS = ("full", "positions")
 LEAST_STD = 1e-3
 """Noise (m) that noise-free sequences are fitted with: only the prior's share depends on it."""
+POSTERIOR: dict[str, Posterior | None] = {"full": None, "positions": Posterior()}
+"""Of `infer-gamma`: positions alone leave velocities and discount factors open, so that the mean of
+the posterior is a better estimate of the trajectory than the best fit. Without noise there is
+nothing to average over."""
 FREE = {
     "infer-gamma": Free(("goal",), True, True),
     "assume-gamma-1": Free(("goal",), False, True),
@@ -70,6 +75,13 @@ def joint(solution: Solution) -> Float[np.ndarray, "stages 8"]:
     return np.concatenate(solution.states, axis=1)
 
 
+def estimated(found: Estimate) -> Float[np.ndarray, "stages 8"]:
+    """The trajectory that an estimate stands for: the posterior's mean where there is one."""
+    if found.mean is None:
+        return joint(found.solution)
+    return np.concatenate(found.mean.states, axis=1)
+
+
 def observe(
     observation: str, std: float, sequence: int, proximity: Proximity
 ) -> tuple[Float[np.ndarray, "stages size"], Float[np.ndarray, "2"]]:
@@ -83,7 +95,7 @@ def observe(
 
 def fit(
     observation: str, std: float, sequence: int, method: str, proximity: Proximity = "soft",
-    starts: int = 8, profile: Profile | None = None,
+    starts: int = 8, profile: Profile | None = None, posterior: Posterior | None = None,
 ) -> Estimate:  # fmt: skip
     """One estimate from one sequence."""
     game, model = crosswalk_game(2, proximity=proximity), observation_model(observation)
@@ -100,6 +112,7 @@ def fit(
         covariance=max(std, LEAST_STD) ** 2,
         starts=MultiStart(starts),
         profile=profile,
+        posterior=posterior,
     )
 
 
@@ -121,14 +134,17 @@ def run_sequence(
     """One estimate's row."""
     warm_up(observation, proximity)
     begin = time.perf_counter()
-    found = fit(observation, std, sequence, method, proximity, starts)
+    averages = method == "infer-gamma" and std > LEAST_STD
+    posterior = POSTERIOR[observation] if averages else None
+    found = fit(observation, std, sequence, method, proximity, starts, posterior=posterior)
     seconds = time.perf_counter() - begin
     true = joint(truth(proximity))
     return {
-        "error_squared": trajectory_error(joint(found.solution), true),
+        "error_squared": trajectory_error(estimated(found), true),
+        "equilibrium_error_squared": trajectory_error(joint(found.solution), true),
         "solved": int(found.status) == Status.SOLVED,
         "cost": float(found.cost),
-        "gamma": found.gamma.tolist(),
+        "gamma": (found.gamma if found.mean is None else found.mean.gamma).tolist(),
         "gamma_deviation": found.gamma_deviation.tolist(),
         "gamma_covered": gamma_covered(found).tolist(),
         "gamma_identifiable": found.gamma_identifiable.tolist(),
@@ -152,7 +168,8 @@ def study(
 
     Trials that the folder has already are not run again, unless `fresh`.
     """
-    configuration = {"proximity": proximity, "starts": starts}
+    told = {name: str(setting) for name, setting in POSTERIOR.items()}
+    configuration = {"proximity": proximity, "starts": starts, "posterior": told}
     store = Store(folder, "estimation", configuration, KEY, fresh=fresh)
     trials: list[dict[str, Any]] = [
         {

@@ -14,9 +14,9 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from foresight_env.inverse.estimate import Estimate
 from foresight_env.inverse.parameter import Parameter
 from foresight_env.inverse.prior import Prior
+from foresight_env.inverse.result import Estimate
 
 LEAST_SPECTRUM = 1e-13
 """Least variance of a belief that counts, relative to its largest: after outliers a covariance has

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Array, Bool, Float
 
 from foresight_env.compilation import compiled, compiling, first_time, signature
 from foresight_env.equilibrium.checks.validation import check_kinds, check_parameters
 from foresight_env.equilibrium.conditions.kkt import Iterate, Parameters
-from foresight_env.equilibrium.conditions.layout import layout_of
+from foresight_env.equilibrium.conditions.layout import Layout, layout_of
 from foresight_env.equilibrium.newton.implicit import Equilibrium
 from foresight_env.equilibrium.newton.schedule import limits_of
 from foresight_env.equilibrium.newton.start import Start, from_controls
@@ -34,10 +34,18 @@ from foresight_env.inverse.laplace import (
 )
 from foresight_env.inverse.linear_step import Rates, linear_step
 from foresight_env.inverse.multi_start import MOST_STARTS, MultiStart, search
-from foresight_env.inverse.parameter import Parameter
+from foresight_env.inverse.posterior import Posterior, Search, sampled
 from foresight_env.inverse.prior import Prior, prior_terms
 from foresight_env.inverse.profile import Profile, profiled
+from foresight_env.inverse.result import Estimate
 from foresight_env.inverse.tracking import track
+from foresight_env.inverse.tracking_term import (
+    has_tracking_cost,
+    tracking_precision,
+    with_tracking,
+    with_tracking_cost,
+    without_tracking,
+)
 from foresight_env.inverse.validation import (
     check_information,
     check_observations,
@@ -47,89 +55,22 @@ from foresight_env.inverse.validation import (
 from foresight_env.precision import to_numpy
 
 
-class Estimate(NamedTuple):
-    """Estimated parameters, how certain they are, and the trajectory that they imply."""
-
-    theta: tuple[Theta, ...]
-    gamma: Float[np.ndarray, "N"]
-    initial_state: tuple[Float[np.ndarray, "_"], ...]
-    solution: Solution
-    """The equilibrium at the estimate: the past explained, the rest of the horizon predicted."""
-    cost: Float[np.ndarray, ""]
-    """Value of the objective (paper, problem 1, prior included)."""
-    parameters: tuple[Parameter, ...]
-    """The p free parameters, in the order of `values` and `covariance`."""
-    values: Float[np.ndarray, "p"]
-    covariance: Float[np.ndarray, "p p"]
-    """Laplace approximation: inverse of the Gauss-Newton information, prior included."""
-    identifiable: Bool[np.ndarray, "p"]
-    """False where the data leave a parameter open (`inverse.laplace.is_identifiable`); with a
-    profile also discount factors whose interval is as wide as that of a uniform guess on their
-    range."""
-    state_jacobian: Float[np.ndarray, "stages n p"]
-    """Derivative of the joint trajectory by the free parameters."""
-    status: Int[np.ndarray, ""]
-    """`Status.SOLVED` when some start found a fit whose game was solved."""
-    num_forward_solves: Int[np.ndarray, ""]
-    """All starts and the profile together."""
-    num_newton_steps: Int[np.ndarray, ""]
-    """Of the forward solve at the estimate."""
-    start_costs: Float[np.ndarray, "S"]
-    """Objective reached from each start; infinite where solves failed or the start was spared."""
-    gamma_interval: Float[np.ndarray, "N 2"]
-    """Intervals of the discount factors: at `profile.level` where `estimate` was given a profile,
-    else 90 % by the Laplace approximation, within the limits; of width 0 where fixed."""
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the free parameters, such as `goal[0] of 1`, `gamma of 0`."""
-        return tuple(str(parameter) for parameter in self.parameters)
-
-    @property
-    def deviation(self) -> Float[np.ndarray, "p"]:
-        """Standard deviation of each free parameter."""
-        return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
-
-    @property
-    def state_deviation(self) -> tuple[Float[np.ndarray, "stages _"], ...]:
-        """Standard deviation of the trajectory that `covariance` implies, per player."""
-        rates = self.state_jacobian
-        variance = np.einsum("tnp,pq,tnq->tn", rates, self.covariance, rates)
-        ends = np.cumsum([s.shape[1] for s in self.solution.states])[:-1]
-        return tuple(np.split(np.sqrt(np.maximum(variance, 0.0)), ends, axis=1))
-
-    @property
-    def gamma_deviation(self) -> Float[np.ndarray, "N"]:
-        """Standard deviation of each discount factor; 0 where it is fixed."""
-        return self._per_player(self.deviation, np.zeros(len(self.gamma)))
-
-    @property
-    def gamma_identifiable(self) -> Bool[np.ndarray, "N"]:
-        """Whether the data identify each discount factor; True where it is fixed."""
-        return self._per_player(self.identifiable, np.ones(len(self.gamma), dtype=bool))
-
-    def _per_player(self, values: np.ndarray, fixed: np.ndarray) -> np.ndarray:
-        """Entries of the discount factors among `values`, `fixed` elsewhere."""
-        for parameter, value in zip(self.parameters, values, strict=True):
-            if parameter.kind == "gamma":
-                fixed[parameter.player] = value
-        return fixed
-
-    def __repr__(self) -> str:
-        found = ", ".join(
-            f"{value:.2f} +- {deviation:.2f}"
-            for value, deviation in zip(self.gamma, self.gamma_deviation, strict=True)
-        )
-        return (
-            f"Estimate({Status(int(self.status)).name}, cost={float(self.cost):.3g}, "
-            f"gamma=[{found}], parameters={len(self.parameters)}, "
-            f"forward solves={int(self.num_forward_solves)}, solution={self.solution!r})"
-        )
-
-
 @compiled(static_argnums=0)
-def _tracked(problem: Problem, data: Data, base: Parameters) -> Iterate:
-    return from_controls(problem.layout, problem.options, base, track(problem, data, base))
+def _tracked(problem: Problem, data: Data, base: Parameters) -> tuple[Iterate, Array]:
+    """The start that follows the observations, and the tracking term's precisions about it."""
+    layout = problem.layout
+    point = from_controls(layout, problem.options, base, track(problem, data, base))
+    if not has_tracking_cost(layout):
+        return point, jnp.zeros_like(point.x)
+    return point, tracking_precision(layout, problem.model, data.whiten, base, point)
+
+
+def _with_target(layout: Layout, parameters: Parameters, warm: Iterate | None) -> Parameters:
+    """Parameters with a tracking term of precision 0 about a guess, where the game has one."""
+    if not has_tracking_cost(layout):
+        return parameters
+    nothing = np.zeros((layout.game.horizon, layout.n))
+    return with_tracking(layout, parameters, nothing if warm is None else warm.x, nothing)
 
 
 @compiled(static_argnums=0, optimised=False)
@@ -204,6 +145,7 @@ def estimate(
     method: GaussNewton | GradientDescent = GaussNewton(),
     starts: MultiStart = MultiStart(),
     profile: Profile | None = None,
+    posterior: Posterior | None = None,
     initial_guess: Solution | None = None,
     initial_guess_rates: Rates | None = None,
     budget: Budget = Budget.offline(),
@@ -227,6 +169,9 @@ def estimate(
         profile: find intervals of the discount factors by profile likelihood (always by
             Gauss-Newton), typically at two to six times the forward solves of the estimate alone
             and more where better fits are met on the way, which replace it.
+        posterior: average over the posterior, `Estimate.mean`; `solution` and parameters are then
+            those of the sampled equilibrium nearest to the mean trajectory, and intervals of the
+            discount factors are the posterior's. Not together with a profile.
         initial_guess: solution of a similar game to start from; by default a trajectory that
             follows the observations.
         initial_guess_rates: how `initial_guess` changes with the free parameters; the search then
@@ -247,10 +192,14 @@ def estimate(
         method=(method, GaussNewton, GradientDescent),
         starts=(starts, MultiStart),
         profile=(profile, Profile, type(None)),
+        posterior=(posterior, Posterior, type(None)),
         budget=(budget, Budget),
         options=(options, SolverOptions),
     )
-    layout = layout_of(game)
+    if profile is not None and posterior is not None:
+        raise ValueError("posterior: is given with a profile; expected one of both")
+    tracked = isinstance(method, GaussNewton) and len(method.tracking_weights) > 0
+    layout = layout_of(with_tracking_cost(game) if tracked else game)
     parameters = check_parameters(game, initial_state, theta, gamma, "initial_state")
     coordinates, chosen = Coordinates.of(layout, free, parameters)
     if not chosen.any():
@@ -276,31 +225,46 @@ def estimate(
         initial = starts.spread(begin, coordinates.is_gamma & chosen, limits)
         padded = np.pad(initial, ((0, MOST_STARTS - len(initial)), (0, 0)), mode="edge")
         granted, cold = limits_of(budget), warm is None
+        # The tracking term's target and precision: of the start, which is not there yet.
+        parameters = _with_target(layout, parameters, warm)
         point = blank_point(layout) if warm is None else warm
         start = Start(point, np.asarray(not cold), limits=granted)
-        arguments = (problem, method, data, parameters, padded, np.asarray(len(initial)))
-        with first_time((problem, signature((*arguments[1:], start)), cold)) as new:
+        count_of = np.asarray(len(initial))
+        known = (method, data, parameters, padded, count_of)
+        with first_time((problem, signature((*known, start)), cold)) as new:
             if new:
-                _compile_together(*arguments, start, cold)
+                _compile_together(problem, *known, start, cold)
         if cold:
-            start = start._replace(point=_tracked(problem, data, parameters))
-        fit, count, costs = search(*arguments, start)
+            point, precision = _tracked(problem, data, parameters)
+            start = start._replace(point=point)
+            if has_tracking_cost(layout):
+                parameters = with_tracking(layout, parameters, point.x, precision)
+        fit, count, costs = search(problem, method, data, parameters, padded, count_of, start)
         intervals = None
         if profile is not None and bool(fit.success):
             local = method if isinstance(method, GaussNewton) else GaussNewton()
             fit, intervals, more = profiled(problem, data, parameters, fit, local, profile, granted)
             count = count + more
+        average = None
+        if posterior is not None and bool(fit.success):
+            local = method if isinstance(method, GaussNewton) else GaussNewton()
+            how = Search(local, start, begin)
+            average = sampled(problem, data, parameters, fit, how, posterior)
+            fit, intervals, count = average.nearest, average.intervals, count + average.solves
         found, solution, spread, identifiable, rates = to_numpy(
             _finish(problem, data, parameters, fit)
         )
         fit, count, costs = to_numpy((fit, count, costs))
     at = np.flatnonzero(coordinates.is_gamma)
-    if profile is None or intervals is None:
+    if average is not None:
+        spread, identifiable = average.covariance, average.identifiable
+    settings = profile if posterior is None else posterior
+    if intervals is None or settings is None:
         intervals = laplace_intervals(fit.values[at], spread[at, at], limits[0][at], limits[1][at])
     else:
         # A narrow interval speaks for the data unless the prior alone would make it narrow.
         firm = np.sum(root[:, at] ** 2, axis=0) > OPEN_GAMMA_DEVIATION**-2
-        narrow = np.diff(intervals)[:, 0] < profile.level * (limits[1] - limits[0])[at]
+        narrow = np.diff(intervals)[:, 0] < settings.level * (limits[1] - limits[0])[at]
         identifiable = identifiable.copy()
         identifiable[at] = np.where(firm, identifiable[at], narrow)
     status = solution.status if fit.success else np.asarray(int(Status.ITERATION_LIMIT))
@@ -308,7 +272,7 @@ def estimate(
         p for p, is_free in zip(coordinates.parameters, chosen, strict=True) if is_free
     )
     return Estimate(
-        found.theta,
+        without_tracking(found.theta),
         found.gamma,
         tuple(found.initial_state[s] for s in layout.state_slices),
         solution,
@@ -323,4 +287,5 @@ def estimate(
         fit.newton_steps,
         costs[: len(initial)],
         intervals,
+        None if average is None else average.mean._replace(values=average.mean.values[chosen]),
     )

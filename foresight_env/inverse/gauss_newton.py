@@ -27,9 +27,11 @@ from foresight_env.inverse.fit import (
     continued,
     evaluate_fit,
     extrapolated,
+    predicted,
     unevaluated,
 )
 from foresight_env.inverse.method_tree import register_method
+from foresight_env.inverse.tracking_term import TARGET, has_tracking_cost, weighted
 
 
 @dataclass(frozen=True)
@@ -60,6 +62,8 @@ class SearchSettings:
     """Factor of the damping after one that went too far: games far away take many Newton steps, so
     a second one nearly as far is not tried."""
     least_damping: float = 1e-9
+    tracking_solves: int = 3
+    """Forward solves per weight of the tracking term that do not count as iterations."""
 
 
 SETTINGS = SearchSettings()
@@ -84,6 +88,11 @@ class GaussNewton:
     way; each fit is where the next one begins. Takes at most a quarter of `max_iterations` each;
     left out where the caller has an initial guess."""
 
+    tracking_weights: tuple[float | Scalar, ...] = (100.0, 10.0, 1.0, 0.1, 1e-2, 1e-3)
+    """Falling weights of the tracking term (module `tracking_term`) of the games that are fitted
+    before all others, to the trajectory that follows the observations; relative to what squared
+    controls cost. `()`: none. `benchmarks.synthetic_windows` measures fits with them; left out
+    where the caller has an initial guess."""
     initial_cost_limit: float | Scalar = np.inf
     """Cost of the first game above which a search from a caller's guess ends with it."""
 
@@ -92,6 +101,11 @@ class GaussNewton:
         numbers = [b for b in self.smoothing if isinstance(b, Real)]
         if not all(b > 0.0 for b in numbers):
             raise ValueError(f"smoothing: is {self.smoothing}; expected positive numbers")
+        weights = [w for w in self.tracking_weights if isinstance(w, Real)]
+        if not all(w > 0.0 for w in weights):
+            raise ValueError(
+                f"tracking_weights: is {self.tracking_weights}; expected positive numbers"
+            )
 
     def run(
         self,
@@ -103,12 +117,24 @@ class GaussNewton:
     ) -> tuple[Fit, Int[Array, ""]]:
         """Improve `values`; returns the best fit and the number of forward solves."""
         low, high = data.low, data.high
-        barriers = jnp.asarray((*self.smoothing, problem.options.barrier))
+        tracking = self.tracking_weights if has_tracking_cost(problem.layout) else ()
+        smoothest = self.smoothing[:1] or (problem.options.barrier,)
+        barriers = jnp.asarray(
+            (*smoothest * len(tracking), *self.smoothing, problem.options.barrier)
+        )
+        last = barriers.size - 1
+        weights = jnp.asarray((*tracking, *(0.0,) * (barriers.size - len(tracking))))
+        followed = data.values
+        if tracking:
+            target = jnp.concatenate([own[TARGET] for own in base.theta], axis=1)
+            followed = predicted(problem, base.initial_state, target, data.values.shape[0])
+        # Fits to the tracked trajectory are an initial guess, and no part of the budget.
+        most = self.max_iterations + SETTINGS.tracking_solves * len(tracking)
         longest = jnp.maximum(1, self.max_iterations // 4)
 
         def unfinished(state: _State) -> Bool[Array, ""]:
-            final = (state.phase == len(self.smoothing)) & ~state.renewed
-            return ~state.done & ((state.solves <= self.max_iterations) | ~final)
+            final = (state.phase == last) & ~state.renewed
+            return ~state.done & ((state.solves <= most) | ~final)
 
         def body(state: _State) -> _State:
             fit = state.fit
@@ -117,9 +143,14 @@ class GaussNewton:
             begin = begin._replace(
                 barrier=barriers[state.phase], limits=limits.of_trial(~state.renewed)
             )
-            trial = evaluate_fit(problem, data, base, state.trial, begin)
+            game, seen = base, data
+            if tracking:
+                game = weighted(base, weights[state.phase])
+                follows = state.phase < len(tracking)
+                seen = data._replace(values=jnp.where(follows, followed, data.values))
+            trial = evaluate_fit(problem, seen, game, state.trial, begin)
             # What another game's fit cost is no measure of this one.
-            final = state.phase == len(self.smoothing)
+            final = state.phase == last
             stiffness = SETTINGS.pull * jnp.sum(trial.jacobian**2, axis=0)
             stiffness = jnp.where(state.solves == 0, stiffness, state.stiffness)
             pull = jnp.where(final, 0.0, stiffness)
@@ -141,7 +172,7 @@ class GaussNewton:
             chosen = jax.tree.map(lambda new, old: jnp.where(better, new, old), trial, fit)
             following = over & ~final
             damping = jnp.where(following, jnp.maximum(damping, SETTINGS.phase_damping), damping)
-            pull = jnp.where(following & (state.phase + 1 == len(self.smoothing)), 0.0, pull)
+            pull = jnp.where(following & (state.phase + 1 == last), 0.0, pull)
             step = damped_step(
                 chosen.values, chosen.residual, chosen.jacobian, damping, data, pull, values
             )
@@ -165,7 +196,7 @@ class GaussNewton:
         zero, no = jnp.zeros((), int), jnp.zeros((), bool)
         # A solution of a similar game is where smoothing would lead.
         skipped = False if start.warm is None else start.warm
-        phase = jnp.where(skipped, len(self.smoothing), zero)
+        phase = jnp.where(skipped, last, zero)
         begin = _State(
             nothing,
             nothing.cost,
@@ -195,7 +226,7 @@ class _State(NamedTuple):
     steps: Int[Array, ""]
     """In this phase."""
     phase: Int[Array, ""]
-    """Index of the complementarity product."""
+    """Index of the tracking term's weight, then of the complementarity product."""
     renewed: Bool[Array, ""]
     """The trial is the first of its phase: there is no fit yet to compare it with."""
     done: Bool[Array, ""]

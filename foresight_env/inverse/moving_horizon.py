@@ -22,10 +22,10 @@ from foresight_env.games.types import Theta
 from foresight_env.inverse.arrival_cost import Belief, ProcessNoise, carried_belief
 from foresight_env.inverse.coordinates import Free
 from foresight_env.inverse.current_state import corrected
-from foresight_env.inverse.estimate import Estimate
 from foresight_env.inverse.gauss_newton import GaussNewton
 from foresight_env.inverse.initial import NeverSeenError, guess_initial_state
 from foresight_env.inverse.prior import Prior
+from foresight_env.inverse.result import Estimate
 from foresight_env.inverse.update_phases import TRANSITIONS, UpdateEvent, UpdatePhase
 from foresight_env.inverse.window_fit import WindowFit, moved_along, rates_of
 
@@ -47,7 +47,7 @@ class DoubtSettings:
 
 
 DOUBT = DoubtSettings()
-ONE_GAME = GaussNewton(max_iterations=0, smoothing=())
+ONE_GAME = GaussNewton(max_iterations=0, smoothing=(), tracking_weights=())
 """Method of updates that solve a single game."""
 INITIAL_UPDATES = 4
 """Updates at the beginning that fit from the observations, with little data, where fits take more
@@ -144,7 +144,9 @@ class MovingHorizonEstimator:
     """Limits of each update. With `Budget.realtime()` an update solves one game."""
     options: SolverOptions | None = None
     """Of the forward solver; None: `smoothed_options` of the covariance."""
-    method: GaussNewton = GaussNewton(max_iterations=8, cost_tolerance=1e-3, smoothing=(3e-2,))
+    method: GaussNewton = GaussNewton(
+        max_iterations=8, cost_tolerance=1e-3, smoothing=(3e-2,), tracking_weights=()
+    )
     """Of fits that take more than one game."""
 
     def init(self, theta: Sequence[Theta], gamma: Any) -> MovingHorizonState:

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import jax
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 from scipy.stats import chi2
 
 from foresight_env.compilation import compiled
@@ -81,7 +81,7 @@ class Profiled(NamedTuple):
 
 Refit = Callable[..., Fit]
 """`refit(values, near, held=None, smoothed=False)`: the fit that is found from `values` on,
-beginning near another fit, with one parameter held or with a smoothed game first."""
+beginning near another fit, with parameters held or with a smoothed game first."""
 
 
 @compiled(static_argnums=0)
@@ -106,27 +106,29 @@ def _begin(
 _laplace = compiled(static_argnums=0)(laplace)
 
 
-def profiled(
+def refitting(
     problem: Problem,
     data: Data,
     base: Parameters,
-    fit: Fit,
     method: GaussNewton,
-    profile: Profile,
+    iterations: int,
     limits: Limits,
-) -> Profiled:
-    """Walk from `fit` along every estimated discount factor, down and up."""
+) -> tuple[Refit, Callable[[], int]]:
+    """Fits with some parameters held, of so many Gauss-Newton steps, and their forward solves."""
     solves = 0
     walking = replace(
         method,
-        max_iterations=profile.iterations,
+        max_iterations=iterations,
         cost_tolerance=WALKING_TOLERANCE,
         initial_cost_limit=np.inf,
     )
-    thorough = replace(walking, max_iterations=FROM_SMOOTHED * profile.iterations)
+    thorough = replace(walking, max_iterations=FROM_SMOOTHED * iterations)
 
     def refit(
-        values: Float[np.ndarray, "p"], near: Fit, held: int | None = None, smoothed: bool = False
+        values: Float[np.ndarray, "p"],
+        near: Fit,
+        held: int | Int[np.ndarray, "N"] | None = None,
+        smoothed: bool = False,
     ) -> Fit:
         nonlocal solves
         free = np.array(data.free)
@@ -144,6 +146,20 @@ def profiled(
         solves += int(spent)
         return found
 
+    return refit, lambda: solves
+
+
+def profiled(
+    problem: Problem,
+    data: Data,
+    base: Parameters,
+    fit: Fit,
+    method: GaussNewton,
+    profile: Profile,
+    limits: Limits,
+) -> Profiled:
+    """Walk from `fit` along every estimated discount factor, down and up."""
+    refit, spent = refitting(problem, data, base, method, profile.iterations, limits)
     gammas = np.flatnonzero(problem.coordinates.is_gamma)
     intervals = np.repeat(np.asarray(fit.values)[gammas, None], 2, axis=1)
     sides = [(player, side) for player in range(len(gammas)) for side in (0, 1)]
@@ -163,7 +179,7 @@ def profiled(
             left = [(player, side), *left]
             if polished.cost < fit.cost:
                 fit, left = polished, list(sides)
-    return Profiled(fit, intervals, solves)
+    return Profiled(fit, intervals, spent())
 
 
 def _walk(

@@ -10,18 +10,20 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from foresight_env.equilibrium.conditions.kkt import Parameters
-from foresight_env.equilibrium.conditions.layout import layout_of
+from foresight_env.equilibrium.conditions.layout import Layout, layout_of
+from foresight_env.equilibrium.conditions.rollout import next_state, rollout
 from foresight_env.equilibrium.newton.implicit import Equilibrium, equilibrium
-from foresight_env.equilibrium.newton.start import begin
+from foresight_env.equilibrium.newton.start import Start, on_central_path
 from foresight_env.equilibrium.settings import SolverOptions
 from foresight_env.games.costs import Effort
 from foresight_env.games.game import Game
 from foresight_env.games.observations import ObservationModel
-from foresight_env.games.types import Controls, Scalar, StageNumber, States, Theta
+from foresight_env.games.types import AnyArray, Controls, Scalar, StageNumber, States, Theta
 from foresight_env.inverse.fit import Data, Problem
 
 
@@ -52,10 +54,19 @@ def tracking_game(game: Game, model: ObservationModel) -> Game:
 
 EFFORT = 0.1
 """Price of a squared control unit relative to a squared standard deviation of tracking error."""
+INVERSE_STEPS = 5
+"""Gauss-Newton steps per stage from states to the controls between them."""
+KEPT = 1e-3
+"""Weight of the controls of before, and of entries that are not observed, beside observed ones."""
 
 
 def track(problem: Problem, data: Data, parameters: Parameters) -> Float[Array, "T m"]:
-    """Controls of the trajectory from `parameters.initial_state` that follows the observations."""
+    """Controls of the trajectory from `parameters.initial_state` that follows the observations.
+
+    A car that turns far within a stage has tracking errors with local minima. The tracking game is
+    therefore solved twice: from no controls, and from the observed states themselves; the better
+    trajectory counts.
+    """
     game = problem.layout.game
     layout = layout_of(tracking_game(game, problem.model))
     count = data.values.shape[0] - 1
@@ -70,7 +81,65 @@ def track(problem: Problem, data: Data, parameters: Parameters) -> Float[Array, 
     everyone = len(game.players)
     same = Parameters(parameters.initial_state, (theta,) * everyone, jnp.ones(everyone))
     loose = SolverOptions(tolerance=1e-4, barrier=1e-4)
-    start = begin(layout, loose, same, None)
-    found: Equilibrium = equilibrium(layout, loose, same, start)
-    usable = jnp.isfinite(found.error)
-    return jnp.where(usable, found.point.u, jnp.zeros((game.horizon, layout.m)))
+    none = jnp.zeros((game.horizon, layout.m))
+    first = jnp.asarray(parameters.initial_state)
+
+    def error(u: Array) -> Scalar:
+        def one(state: Array, seen: Array, root: Array) -> Scalar:
+            return jnp.sum((root @ (problem.model(layout.split_states(state)) - seen)) ** 2)
+
+        x = rollout(layout, first, u)
+        return jnp.sum(jax.vmap(one)(x, theta["values"], theta["whiten"])) + EFFORT * jnp.sum(u**2)
+
+    def solve_again(k: Array, best: tuple[Array, Scalar]) -> tuple[Array, Scalar]:
+        u, least = best
+        x = rollout(layout, first, u)
+        seen_x, seen_u = observed_motion(layout, problem.model, first, x, u, theta)
+        x, near = jnp.where(k > 0, seen_x, x), jnp.where(k > 0, seen_u, u)
+        barrier = jnp.asarray(loose.barrier_schedule)[0]
+        start = Start(on_central_path(layout, same, x, near, barrier))
+        found: Equilibrium = equilibrium(layout, loose, same, start)
+        cost = error(found.point.u)
+        better = (cost < least) & jnp.isfinite(found.error)
+        return jnp.where(better, found.point.u, u), jnp.where(better, cost, least)
+
+    infinite = jnp.asarray(jnp.inf, first.dtype)
+    return jax.lax.fori_loop(0, 2, solve_again, (none, infinite))[0]
+
+
+def observed_motion(
+    layout: Layout,
+    model: ObservationModel,
+    first: Float[AnyArray, "n"],
+    x: Float[Array, "T n"],
+    u: Float[Array, "T m"],
+    theta: Theta,
+) -> tuple[Float[Array, "T n"], Float[Array, "T m"]]:
+    """Observed states, those of `x` where not observed, and the controls that lead between them."""
+    low, high = (jnp.asarray(b[:, layout.n :]) for b in layout.bounds)
+
+    def observed(state: Array, seen: Array, root: Array) -> Array:
+        def error(s: Array) -> Array:
+            return root @ (model(layout.split_states(s)) - seen)
+
+        slope = jax.jacfwd(error)(state)
+        normal = slope.T @ slope + KEPT * jnp.eye(layout.n)
+        return state - jnp.linalg.solve(normal, slope.T @ error(state))
+
+    states = jax.vmap(observed)(x, theta["values"], theta["whiten"])
+    before = jnp.concatenate([first[None], states[:-1]])
+
+    def control(t: Array, now: Array, then: Array, old: Array, least: Array, most: Array) -> Array:
+        def error(v: Array) -> Array:
+            return next_state(layout, t, now, v) - then
+
+        def improve(_: Array, v: Array) -> Array:
+            slope = jax.jacfwd(error)(v)
+            normal = slope.T @ slope + KEPT * jnp.eye(layout.m)
+            step = jnp.linalg.solve(normal, slope.T @ error(v) + KEPT * (v - old))
+            return jnp.clip(v - step, least, most)
+
+        return jax.lax.fori_loop(0, INVERSE_STEPS, improve, jnp.clip(0.0 * old, least, most))
+
+    stages = jnp.arange(1, layout.game.horizon + 1)
+    return states, jax.vmap(control)(stages, before, states, u, low, high)

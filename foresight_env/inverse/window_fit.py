@@ -16,11 +16,12 @@ from foresight_env.games.observations import ObservationModel
 from foresight_env.games.types import Theta
 from foresight_env.inverse.arrival_cost import is_initial_state
 from foresight_env.inverse.coordinates import Free
-from foresight_env.inverse.estimate import Estimate, estimate
+from foresight_env.inverse.estimate import estimate
 from foresight_env.inverse.gauss_newton import GaussNewton
 from foresight_env.inverse.linear_step import Rates
 from foresight_env.inverse.multi_start import MultiStart
 from foresight_env.inverse.prior import Prior
+from foresight_env.inverse.result import Estimate
 
 
 @dataclass(frozen=True, eq=False)

@@ -413,7 +413,11 @@ def test_starts_are_spread_over_the_range_that_is_searched():
 def test_a_search_that_begins_too_far_off_ends():
     elsewhere = crossing_theta(CROSSING_GOALS + 0.3)
     options = {"theta": elsewhere, "starts": MultiStart(1)}
-    given_up = fit(played(), method=GaussNewton(smoothing=(), initial_cost_limit=1.0), **options)
+    given_up = fit(
+        played(),
+        method=GaussNewton(smoothing=(), tracking_weights=(), initial_cost_limit=1.0),
+        **options,
+    )
     assert int(given_up.num_forward_solves) == 1
     assert given_up.cost > 1.0
     np.testing.assert_array_equal(given_up.gamma, [0.8, 0.8])

@@ -13,7 +13,8 @@ from foresight_env.equilibrium.conditions.layout import Layout
 from foresight_env.games.types import AnyArray, StageNumber
 
 
-def _next_state(layout: Layout, t: StageNumber, x: Array, u: Array) -> Array:
+def next_state(layout: Layout, t: StageNumber, x: Array, u: Array) -> Array:
+    """Joint state (n,) that controls (m,) of stage `t` lead to."""
     nexts = []
     for members in moving_alike(layout.game):
         move = partial(layout.game.players[members.start].dynamics, t)
@@ -30,7 +31,7 @@ def rollout(
 
     def step(x, stage):
         t, control = stage
-        x = _next_state(layout, t, x, control)
+        x = next_state(layout, t, x, control)
         return x, x
 
     _, x = jax.lax.scan(step, initial_state, (jnp.arange(1, layout.game.horizon + 1), u))
@@ -59,7 +60,7 @@ def feedback_rollout(
     def step(x, stage):
         t, old_x, old_u, k, matrix, least, most = stage
         control = jnp.clip(old_u + k + matrix @ (x - old_x), least, most)
-        x = _next_state(layout, t, x, control)
+        x = next_state(layout, t, x, control)
         return x, (x, control)
 
     stages = (
