@@ -92,7 +92,7 @@ class JunctionPredictor:
     belief: RealisticBelief = RealisticBelief()
     driving: DrivingWeights = DrivingWeights()
     walking: WalkingWeights = WalkingWeights()
-    starts: int = 4
+    starts: int = 2
 
     @property
     def name(self) -> str:
