@@ -105,6 +105,13 @@ class Grid:
         return Grid(every, dt, observed, math.ceil(PREDICTED_SECONDS / dt - 1e-6))
 
 
+def moments(recording: Recording, grid: Grid) -> range:
+    """Frames at which windows may begin to predict."""
+    start, end = recording.frame_range
+    first = start + (LEAST_OBSERVED - 1) * grid.every
+    return range(first, end - LEAST_PREDICTED * grid.every + 1, grid.every)
+
+
 def cut(
     recording: Recording,
     agents: Sequence[str],
@@ -142,14 +149,8 @@ def interaction_windows(recording: Recording) -> tuple[PredictionWindow, ...]:
         recording, max_distance=NEAR, min_overlap_seconds=LEAST_OBSERVED * grid.dt
     )
     routes = RouteMemory(recording)
-    start, end = recording.frame_range
-    moments = range(
-        start + (LEAST_OBSERVED - 1) * grid.every,
-        end - LEAST_PREDICTED * grid.every + 1,
-        grid.every,
-    )
     found = []
-    for frame in moments:
+    for frame in moments(recording, grid):
         pairs = sorted(
             (distance, crossing.agents)
             for crossing in crossings

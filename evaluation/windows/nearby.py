@@ -19,6 +19,7 @@ from evaluation.windows.interaction import (
     PredictionWindow,
     cut,
     joined,
+    moments,
 )
 from foresight_env.datasets import Recording, RouteMemory
 
@@ -34,14 +35,8 @@ def nearby_windows(recording: Recording) -> tuple[PredictionWindow, ...]:
         return ()
     grid = Grid.of(recording)
     routes = RouteMemory(recording)
-    start, end = recording.frame_range
-    moments = range(
-        start + (LEAST_OBSERVED - 1) * grid.every,
-        end - LEAST_PREDICTED * grid.every + 1,
-        grid.every,
-    )
     found = []
-    for frame in moments:
+    for frame in moments(recording, grid):
         agents = _moving(recording, grid, frame)
         places = {agent: place for agent, place in agents}
         pairs = sorted(
