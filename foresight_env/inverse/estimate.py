@@ -8,7 +8,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from foresight_env.compilation import compiled, compiling, first_time, signature
 from foresight_env.equilibrium.checks.validation import check_kinds, check_parameters
