@@ -103,7 +103,7 @@ def test_predictions_on_recordings(tmp_path, sample):
     assert "DUT, test: predictions" in told.stdout
     with Image.open(out / "error_over_time.png") as picture:
         assert picture.width > 100
-    refused(call(*arguments, "--split", "development"), "nobody interacts")
+    refused(call(*arguments, "--split", "development"), "no window in the recordings")
 
 
 def test_a_report_of_nothing(tmp_path):
