@@ -13,6 +13,8 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Bool, Float
 
+from foresight_env.games.kinds import check_kinds_of_agents
+
 
 @dataclass(frozen=True, eq=False)
 class Context:
@@ -68,6 +70,7 @@ class History:
                 )
         if not (math.isfinite(self.dt) and self.dt > 0.0):
             raise ValueError(f"dt: is {self.dt}; expected a positive number of seconds")
+        check_kinds_of_agents(self.kinds)
         unseen = np.flatnonzero(np.isnan(self.states).any(axis=2).all(axis=0))
         if unseen.size:
             raise ValueError(f"states: agent {unseen[0]} was never seen; leave it out")

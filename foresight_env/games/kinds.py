@@ -5,6 +5,7 @@ Kinds are the class names of the recordings. Every kind that is not listed is a 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 
@@ -28,6 +29,29 @@ BICYCLE = Kind(vehicle=False, length=1.8, width=0.6, speed_limit=10.0)
 KINDS = {"pedestrian": PEDESTRIAN, "bicycle": BICYCLE, "car": CAR}
 SIMULATED_CAR = Kind(vehicle=True, length=5.0, width=2.0, speed_limit=30.0)
 """highway-env's vehicle, in the driving scenes."""
+
+
+MISNAMED = {
+    "person": "pedestrian",
+    "people": "pedestrian",
+    "ped": "pedestrian",
+    "walker": "pedestrian",
+    "bike": "bicycle",
+    "cyclist": "bicycle",
+}
+"""Other words for kinds that would be taken for vehicles."""
+
+
+def check_kinds_of_agents(names: Sequence[str]) -> None:
+    """Raise `ValueError` where a name is another word or spelling for a kind that is no vehicle."""
+    for i, name in enumerate(names):
+        lower = name.lower()
+        meant = MISNAMED.get(lower, lower if lower != name and lower in KINDS else None)
+        if meant is not None:
+            raise ValueError(
+                f'kinds[{i}]: is {name!r}; expected "{meant}", or "pedestrian", "bicycle" or the '
+                "name of a vehicle's kind"
+            )
 
 
 def kind_of(name: str) -> Kind:

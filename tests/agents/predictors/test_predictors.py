@@ -147,6 +147,8 @@ def test_wrong_histories_and_names():
     good = history()
     for change, told in (
         ({"kinds": ("car",)}, r"states: has shape \(5, 2, 4\); expected \(5, 1, 4\) for 1 kinds"),
+        ({"kinds": ("car", "Pedestrian")}, r"kinds\[1\]: is 'Pedestrian'; expected \"pedestrian\""),
+        ({"kinds": ("cyclist", "car")}, r"kinds\[0\]: is 'cyclist'; expected \"bicycle\""),
         ({"dt": 0.0}, "dt: is 0.0"),
         ({"states": np.full((KNOWN, 2, 4), np.nan)}, "agent 0 was never seen"),
     ):
