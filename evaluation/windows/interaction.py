@@ -120,7 +120,7 @@ def cut(
 ) -> PredictionWindow:
     """The window of these agents at a moment; ValueError when one was not seen before it.
 
-    `routes`: the recording's; None: they are learned anew, which takes as long as all else.
+    `routes`: the recording's; None: they are learned again.
     """
     grid = Grid.of(recording)
     first = frame - (grid.observed - 1) * grid.every

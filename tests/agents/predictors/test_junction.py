@@ -72,7 +72,7 @@ def test_a_car_stays_on_its_arc():
 
 
 def test_discount_factors_are_away_from_zero_and_certain_only_as_the_belief():
-    """Alone on the road nothing tells of foresight: the belief is what is left."""
+    """A car alone on the road shows no foresight: the estimate is the prior."""
     found = forecast(driven())
     belief = RealisticBelief()
     np.testing.assert_allclose(
