@@ -43,6 +43,8 @@ GAMMA_RANGE = (0.1, 1.0)
 less than a hundredth."""
 GENTLE = 3.0
 """Greatest acceleration of a guessed initial state, m/s^2."""
+INSIDE = 0.8
+"""Part of the largest curvature that a guessed initial state may have: the solver starts inside."""
 
 
 class Noise(NamedTuple):
@@ -229,5 +231,5 @@ def _with_changes(
     curvature = change[1] / max(float(seen[rows[0], 2]), TURNING_SPEED)
     guessed = state.copy()
     guessed[4] = np.clip(change[0], -GENTLE, GENTLE)
-    guessed[5] = 0.8 * np.clip(curvature, -MOST_CURVATURE, MOST_CURVATURE)
+    guessed[5] = np.clip(curvature, -INSIDE * MOST_CURVATURE, INSIDE * MOST_CURVATURE)
     return guessed

@@ -105,7 +105,7 @@ class Sampled(NamedTuple):
 
 
 class Search(NamedTuple):
-    """What the samples' fits need beside the problem."""
+    """Method, forward start and first parameters of the samples' fits."""
 
     method: GaussNewton
     start: Start
