@@ -65,7 +65,7 @@ def by_stages(problem: Problem, hessian: Float[Array, "T w w"]) -> Float[Array, 
     """The library's recursion."""
     factor = factorise(problem.system._replace(hessian=hessian), problem.sizes)
     rest = (problem.r_x, problem.r_u, problem.defect, jnp.zeros(problem.n))
-    return solve_stages(factor, *rest, problem.m)[1]
+    return solve_stages(factor, *rest)[1]
 
 
 def responses(a: np.ndarray, b: np.ndarray, before: np.ndarray) -> Float[np.ndarray, "Tn Tm"]:

@@ -17,8 +17,6 @@ from foresight_env.equilibrium.batch.slots import solve_in_slots
 from foresight_env.equilibrium.checks.validation import check_kinds, check_parameters
 from foresight_env.equilibrium.conditions.kkt import Iterate, Parameters
 from foresight_env.equilibrium.conditions.layout import Layout, layout_of
-from foresight_env.equilibrium.linear_algebra.riccati import leaves_to_library
-from foresight_env.equilibrium.newton.newton_system import stage_unknowns
 from foresight_env.equilibrium.settings import SolverOptions
 from foresight_env.equilibrium.solve import Solution, check_iterate
 from foresight_env.games.game import Game
@@ -26,9 +24,6 @@ from foresight_env.precision import to_double, to_numpy
 
 ACCELERATOR_SLOTS = 4096
 """Games that step together on an accelerator, where the caller does not say."""
-LIBRARY_SLOTS = 16
-"""The same where LAPACK eliminates the stages of single games: its batched calls from two threads
-at once make jaxlib (0.10) wait for ever, and batch slots do without it."""
 
 
 @no_type_check
@@ -113,15 +108,14 @@ def solve_checked(
         max(0, -(-((count if active is None else active) - w) // workers)) for w in range(workers)
     ]
 
-    usual = default_batch_size(layout)
-    size = usual if batch_size is None else batch_size
+    size = default_batch_size() if batch_size is None else batch_size
 
     def share(worker: int) -> Solution:
         mine = jax.tree.map(lambda v: v[worker::workers], (parameters, starts))
         with jax.enable_x64(True):
-            if size == usual == 1:
+            if size == 1:
                 found = solve_in_turn(layout, options, *mine, asked[worker])
-            else:  # even a single batch slot does without LAPACK
+            else:
                 width = min(size, len(mine[0].gamma))
                 found = solve_in_slots(layout, options, width, *mine, asked[worker])
             numbers: Solution = to_numpy(found)
@@ -140,12 +134,9 @@ def solve_checked(
     return woven_
 
 
-def default_batch_size(layout: Layout) -> int:
+def default_batch_size() -> int:
     """Games that step together, depending on what JAX computes on."""
-    if jax.default_backend() != "cpu":
-        return ACCELERATOR_SLOTS
-    unknowns = stage_unknowns(layout)
-    return LIBRARY_SLOTS if leaves_to_library(layout.n, unknowns, layout.equal_sizes) else 1
+    return 1 if jax.default_backend() == "cpu" else ACCELERATOR_SLOTS
 
 
 def _checked(game: Game, states: np.ndarray, theta: Any, gammas: np.ndarray) -> Parameters:

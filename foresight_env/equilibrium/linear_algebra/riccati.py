@@ -18,10 +18,6 @@ from foresight_env.equilibrium.linear_algebra.small_matrices import (
 )
 from foresight_env.equilibrium.linear_algebra.transitions import EqualSizes, blocks_of, both_sides
 
-LARGE_PIVOT = 16
-"""Unknowns of a stage beyond its state above which a library call eliminates them faster."""
-
-
 class MatrixRecursion(NamedTuple):
     """Result of the backward matrix recursion, per stage."""
 
@@ -29,11 +25,6 @@ class MatrixRecursion(NamedTuple):
     gain: Float[Array, "T m n"]
     inverse: Float[Array, "T m m"]
     back: Float[Array, "T n m"]
-
-
-def leaves_to_library(n: int, w: int, sizes: EqualSizes | None) -> bool:
-    """Whether stages of n states and w unknowns are eliminated by LAPACK."""
-    return w > SMALL_STAGE and (sizes is None or w - n > LARGE_PIVOT)
 
 
 @lru_cache(maxsize=256)
@@ -50,24 +41,18 @@ def matrix_recursion(sizes: EqualSizes | None) -> Any:
         hxx: Array, x_rows: Array, direct: Array, transition: Array, rho: Array
     ) -> MatrixRecursion:
         """One game: where matrices are small, products are fused with the arithmetic around."""
-        n, w = transition.shape[1:]
-        blocks = None if w <= SMALL_STAGE else sizes
-        own = not leaves_to_library(n, w, sizes)
-        return _riccati(hxx, x_rows, direct, transition, rho, blocks, own)
+        blocks = None if transition.shape[2] <= SMALL_STAGE else sizes
+        return _riccati(hxx, x_rows, direct, transition, rho, blocks)
 
     @recursion.def_vmap
     def recursion_batched(
         size: int, batched: list[bool], *arguments: Array
     ) -> tuple[MatrixRecursion, MatrixRecursion]:
-        """Many games at once.
-
-        LAPACK is left out: its batched calls from two threads at once make jaxlib (0.10) wait for
-        ever.
-        """
+        """Many games at once."""
 
         def one(*matrices: Array) -> MatrixRecursion:
             hxx, x_rows, direct, transition, rho = matrices
-            return _riccati(hxx, x_rows, direct, transition, rho, None, True)
+            return _riccati(hxx, x_rows, direct, transition, rho, None)
 
         axes = tuple(0 if b else None for b in batched)
         found = jax.vmap(one, in_axes=axes, axis_size=size)(*arguments)
@@ -83,7 +68,6 @@ def _riccati(
     transition: Array,
     rho: Array,
     sizes: EqualSizes | None,
-    own_elimination: bool,
 ) -> MatrixRecursion:
     n = hxx.shape[1]
     moves = transition if sizes is None else blocks_of(sizes, transition)
@@ -95,16 +79,12 @@ def _riccati(
             block = matrix_product(z.T, matrix_product(p, z) + above) + below
         else:
             block = both_sides(z, p, above) + below
-        if own_elimination:
-            reduced = eliminate(block, n)
-        else:
-            reduced = block[:n, :n] - block[:n, n:] @ jnp.linalg.solve(block[n:, n:], block[n:, :n])
-        return r[:, None] * reduced, (p, block)
+        return r[:, None] * eliminate(block, n), (p, block)
 
     begin = jnp.zeros((n, n), hxx.dtype)
     stages = (hxx, x_rows, direct, moves, rho)
     _, (value, block) = jax.lax.scan(step, begin, stages, reverse=True)
     pivot, right = block[:, n:, n:], block[:, n:, :n]
-    inverted = inverse(pivot) if own_elimination else jnp.linalg.inv(pivot)
+    inverted = inverse(pivot)
     back = matrix_product(block[:, :n, n:], inverted)
     return MatrixRecursion(value, -matrix_product(inverted, right), inverted, back)

@@ -14,8 +14,8 @@ from jaxtyping import Array, Float
 
 SMALL_STAGE = 16
 """Up to this stage size a library call costs more than the arithmetic it does."""
-PIVOTS = 2
-"""Variables eliminated at a time: half the passes over a stage's matrix of one at a time."""
+PIVOTS = 8
+"""Variables eliminated at a time (`benchmarks.growth`)."""
 
 
 @custom_vmap
@@ -47,32 +47,38 @@ def _matrix_product_batched(
 def eliminate(block: Float[Array, "*b w w"], first: int) -> Float[Array, "*b n n"]:
     """`A - B D^-1 C` of the block `[[A, B], [C, D]]`, A having `first` rows.
 
-    Gauss elimination without row exchanges, two variables at a time. The order (controls, then row
-    multipliers) keeps pivots away from 0: controls carry the players' own curvature, and
-    multipliers a softness that is never negative (Vanderbei, SIAM J. Optim. 5, 1995). What rounding
-    is left, Newton's iteration corrects.
+    Gauss elimination without row exchanges, from the last variables on, `PIVOTS` at a time: they
+    are controls, which carry the players' own curvature. What rounding is left, Newton's iteration
+    corrects.
     """
-    size = block.shape[-1]
-    for k in range(first, size, PIVOTS):
-        now = slice(k, min(k + PIVOTS, size))
-        rows = _fused_product(_small_inverse(block[..., now, now]), block[..., now, :])
-        block = block - _fused_product(block[..., :, now], rows)
-    return block[..., :first, :first]
+    for end in range(block.shape[-1], first, -PIVOTS):
+        kept = max(first, end - PIVOTS)
+        rows = matrix_product(inverse(block[..., kept:end, kept:end]), block[..., kept:end, :kept])
+        block = block[..., :kept, :kept] - matrix_product(block[..., :kept, kept:end], rows)
+    return block
 
 
 def inverse(matrix: Float[Array, "*b m m"]) -> Float[Array, "*b m m"]:
-    """Inverse by Gauss-Jordan elimination in the same order as `eliminate`."""
+    """Inverse by halves (Schur complements), without row exchanges.
+
+    A fraction of the time that LAPACK takes for matrices of these sizes, and without its batched
+    calls, which make jaxlib (0.10) wait for ever where two threads make them at once.
+    """
     size = matrix.shape[-1]
-    eye = jnp.broadcast_to(jnp.eye(size, dtype=matrix.dtype), matrix.shape)
-    both = jnp.concatenate([matrix, eye], axis=-1)
-    for k in range(0, size, PIVOTS):
-        now = slice(k, min(k + PIVOTS, size))
-        rows = _fused_product(_small_inverse(both[..., now, now]), both[..., now, :])
-        others = both - _fused_product(both[..., :, now], rows)
-        both = jnp.concatenate(
-            [others[..., : now.start, :], rows, others[..., now.stop :, :]], axis=-2
-        )
-    return both[..., size:]
+    if size <= 2:
+        return _small_inverse(matrix)
+    half = 2
+    while 2 * half < size:
+        half *= 2
+    a, b = matrix[..., :half, :half], matrix[..., :half, half:]
+    c, d = matrix[..., half:, :half], matrix[..., half:, half:]
+    inverse_a = inverse(a)
+    left, right = matrix_product(c, inverse_a), matrix_product(inverse_a, b)
+    inverse_d = inverse(d - matrix_product(left, b))
+    upper = matrix_product(right, inverse_d)
+    top = jnp.concatenate([inverse_a + matrix_product(upper, left), -upper], axis=-1)
+    bottom = jnp.concatenate([-matrix_product(inverse_d, left), inverse_d], axis=-1)
+    return jnp.concatenate([top, bottom], axis=-2)
 
 
 def _small_inverse(matrix: Float[Array, "*b k k"]) -> Float[Array, "*b k k"]:

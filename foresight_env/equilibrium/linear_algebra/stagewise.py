@@ -95,9 +95,8 @@ def solve_stages(
     r_u: Float[Array, "T m"],
     defect: Float[Array, "T n"],
     initial_change: Float[Array, "n"],
-    first: int,
-) -> tuple[Float[Array, "T n"], Float[Array, "T c"], Float[Array, "T k"]]:
-    """`dx_{t+1}`, the `first` entries of `du_t` and the others, for one right-hand side.
+) -> tuple[Float[Array, "T n"], Float[Array, "T m"]]:
+    """`dx_{t+1}` and `du_t` for one right-hand side.
 
     `vmap` over several.
     """
@@ -112,13 +111,7 @@ def solve_stages(
     moved = defect - _times(factor.b, _times(factor.inverse, wanted))
     dx = affine_recursion(factor.closed, moved, initial_change)
     before = jnp.concatenate([initial_change[None], dx[:-1]])
-
-    def entries(rows: slice) -> Array:
-        # Matrices are cut, not the vectors that they make: XLA's CPU back-end (jaxlib 0.8 to 0.10,
-        # AVX2) reads wrong entries of a fused vector of 6 that is cut to 4.
-        return _times(factor.gain[:, rows], before) - _times(factor.inverse[:, rows], wanted)
-
-    return dx, entries(slice(0, first)), entries(slice(first, None))
+    return dx, _times(factor.gain, before) - _times(factor.inverse, wanted)
 
 
 def _times(matrices: Float[Array, "T a b"], vectors: Float[Array, "T b"]) -> Float[Array, "T a"]:

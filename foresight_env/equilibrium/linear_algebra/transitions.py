@@ -30,7 +30,7 @@ class Blocks(NamedTuple):
 
 
 def blocks_of(sizes: EqualSizes, transition: Float[Array, "T n w"]) -> Blocks:
-    """The blocks of `[A, B, 0]`; columns beyond `B` are those of row multipliers."""
+    """The blocks of `[A, B]`."""
     count, k, c = sizes
     first = count * k
     a = [transition[:, i * k : (i + 1) * k, i * k : (i + 1) * k] for i in range(count)]
@@ -44,12 +44,9 @@ def blocks_of(sizes: EqualSizes, transition: Float[Array, "T n w"]) -> Blocks:
 def both_sides(
     blocks: Blocks, matrix: Float[Array, "n n"], above: Float[Array, "n w"]
 ) -> Float[Array, "w w"]:
-    """`Z' (M Z + above)` with `Z = [A, B, 0]` of one stage."""
-    w = above.shape[1]
-    moved = jnp.concatenate([_right(matrix, blocks.a), _right(matrix, blocks.b)], axis=1)
-    moved = jnp.pad(moved, ((0, 0), (0, w - moved.shape[1]))) + above
-    rows = jnp.concatenate([_left(blocks.a, moved), _left(blocks.b, moved)])
-    return jnp.pad(rows, ((0, w - rows.shape[0]), (0, 0)))
+    """`Z' (M Z + above)` with `Z = [A, B]` of one stage."""
+    moved = jnp.concatenate([_right(matrix, blocks.a), _right(matrix, blocks.b)], axis=1) + above
+    return jnp.concatenate([_left(blocks.a, moved), _left(blocks.b, moved)])
 
 
 def _right(matrix: Float[Array, "r n"], blocks: Float[Array, "N k c"]) -> Float[Array, "r Nc"]:

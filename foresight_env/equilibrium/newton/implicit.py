@@ -177,7 +177,7 @@ def solution_tangent(
     # On the path `slack * multiplier` stays what it is.
     eliminated = eliminate_pairs(layout, pairs, on_the_path(pairs, point, jnp.zeros(())))
     factor = factorise(stage_system(layout, point, ev, eliminated), layout.equal_sizes)
-    n, m = layout.n, layout.m
+    n = layout.n
 
     # `initial_state` acts on the conditions through the first stage's dynamics alone.
     def conditions(p: Parameters) -> tuple[Array, Array, Array]:
@@ -186,19 +186,16 @@ def solution_tangent(
         return stationarity(lin, costates(lin, n)), at.values, at.penalty
 
     _, (r_u, rows, penalty) = jax.jvp(conditions, (fixed,), (change,))
-    known = eliminated.ratios
+    known, soft, jacobian = eliminated.ratios, eliminated.softness, ev.lin.jacobian
     wanted = -rows + known.excess * penalty
-    dx, du, mult = solve_stages(
-        factor,
-        jnp.zeros_like(point.x),
-        jnp.concatenate([r_u, -wanted], axis=1),
-        jnp.zeros_like(point.x),
-        jnp.asarray(change.initial_state),
-        m,
+    pull = jnp.einsum("tka,tk->ta", ev.lin.share * jacobian, wanted / soft)
+    dx, du = solve_stages(
+        factor, -pull[:, :n], r_u - pull[:, n:], jnp.zeros_like(point.x), change.initial_state
     )
     dw = jnp.concatenate([dx, du], axis=1)
+    slope = jnp.einsum("tka,ta->tk", jacobian, dw)
+    mult = (wanted - slope) / soft
     excess = known.excess * (mult - penalty)
-    slope = jnp.einsum("tka,ta->tk", ev.lin.jacobian, dw)
     exists = split(layout, pairs.exists)
     low, high = jnp.where(exists.low, dw, 0.0), jnp.where(exists.high, -dw, 0.0)
     slack = Parts(low, high, excess, jnp.where(pairs.equality, 0.0, slope + excess + rows))

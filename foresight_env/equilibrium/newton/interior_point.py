@@ -27,7 +27,6 @@ from foresight_env.equilibrium.newton.newton_system import (
     direction,
     eliminate_pairs,
     fischer_burmeister,
-    has_condensed_rows,
     on_the_path,
     stage_system,
 )
@@ -109,10 +108,9 @@ def newton_step(
 
     linear = on_path() if semismooth is None else jax.lax.cond(semismooth, off_path, on_path)
     eliminated = eliminate_pairs(layout, pairs, linear)
-    condensed = has_condensed_rows(layout)
-    system = stage_system(layout, point, ev, eliminated, weight, condensed=condensed)
+    system = stage_system(layout, point, ev, eliminated, weight)
     factor = factorise(system, layout.equal_sizes)
-    first = direction(layout, pairs, ev, factor, eliminated, linear, condensed=condensed)
+    first = direction(layout, pairs, ev, factor, eliminated, linear)
 
     def along_the_path() -> tuple[Iterate, Scalar]:
         primal, dual = step_lengths(pairs, point, first, 1.0)
@@ -129,7 +127,7 @@ def newton_step(
         second_order = jnp.where(average > 10.0 * end, 1.0, 0.0)
         products = barrier - second_order * first.slack * first.mult
         target = on_the_path(pairs, point, products)
-        step = direction(layout, pairs, ev, factor, eliminated, target, condensed=condensed)
+        step = direction(layout, pairs, ev, factor, eliminated, target)
         fraction = jnp.maximum(0.99, 1.0 - average)
         primal, dual = step_lengths(pairs, point, step, fraction)
         ahead = advance(point, step, primal, dual)

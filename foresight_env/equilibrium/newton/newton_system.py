@@ -15,11 +15,13 @@ from foresight_env.equilibrium.conditions.residual import Evaluation
 from foresight_env.equilibrium.linear_algebra.stagewise import Factor, StageSystem, solve_stages
 from foresight_env.games.types import Scalar
 
-EQUALITY_REGULARISATION = 1e-8
+EQUALITY_SOFTNESS = 1e-8
 """Proximal term of equality multipliers: keeps the stage matrices regular without a constraint
 qualification; it vanishes at the solution."""
-CONDENSED_ROWS = 8
-"""Constraint rows of a stage above which Newton steps eliminate their multipliers."""
+LEAST_SOFTNESS = 1e-10
+"""The same of inequality rows, so that no active row weighs more than its inverse in the stage
+matrices, where rounding would swallow the players' own curvature. With 1e-8 phases of games without
+a solution take all their steps, with 1e-12 fewer games are solved (`benchmarks.stress`)."""
 
 
 class Linear(NamedTuple):
@@ -71,23 +73,8 @@ def eliminate_pairs(layout: Layout, pairs: Pairs, linear: Linear) -> Eliminated:
     slope, own = split(layout, linear.slope), split(layout, linear.own)
     excess = jnp.where(pairs.elastic, own.excess / jnp.where(pairs.elastic, slope.excess, 1.0), 0.0)
     row = own.row / jnp.where(pairs.equality, 1.0, slope.row)
-    softness = jnp.where(pairs.equality, EQUALITY_REGULARISATION, row + excess)
+    softness = jnp.where(pairs.equality, EQUALITY_SOFTNESS, row + excess + LEAST_SOFTNESS)
     return Eliminated(Parts(slope.low / own.low, slope.high / own.high, excess, row), softness)
-
-
-def has_condensed_rows(layout: Layout) -> bool:
-    """Whether Newton steps eliminate row multipliers: many rows, and each one player's own.
-
-    Shared rows stay among the unknowns: of six walkers with a shared constraint 28 % instead of
-    94 % were solved without them.
-    """
-    own = not layout.game.shared and not layout.equality.any()
-    return own and len(layout.rows) > CONDENSED_ROWS
-
-
-def stage_unknowns(layout: Layout) -> int:
-    """States, controls and the row multipliers that are not eliminated."""
-    return layout.n + layout.m + (0 if has_condensed_rows(layout) else len(layout.rows))
 
 
 def stage_system(
@@ -96,41 +83,20 @@ def stage_system(
     ev: Evaluation,
     eliminated: Eliminated,
     convexity: Scalar | None = None,
-    *,
-    condensed: bool = False,
 ) -> StageSystem:
-    """The linear system with slacks and bound multipliers eliminated.
+    """The linear system with slacks and all multipliers eliminated.
 
-    `convexity`: the convexification weight of the dynamics' curvature (None: nothing is left out);
-    `condensed`: whether row multipliers are eliminated too.
+    `convexity`: the convexification weight of the dynamics' curvature (None: nothing is left out).
     """
     lin = ev.lin
     diagonal = eliminated.ratios.low + eliminated.ratios.high
     eye = jnp.eye(diagonal.shape[1], dtype=bool)
     hessian = lin.hessian + jnp.where(eye, diagonal[:, :, None], 0.0)
-    curvature = dynamics_hessian(layout, lin.previous, point.u, ev.q, convexity)
-    b = lin.b
-    if condensed:
+    if layout.rows:
         weighted = lin.jacobian / eliminated.softness[:, :, None]
         hessian = hessian + jnp.einsum("tka,tkb->tab", lin.share * lin.jacobian, weighted)
-    elif layout.rows:
-        # Row multipliers stay among a stage's unknowns, with its controls. Eliminating them too
-        # would put weights of 1e11 on positions and lose the game's own curvature to rounding.
-        soft = eliminated.softness
-        softness = jnp.where(jnp.eye(soft.shape[1], dtype=bool), soft[:, :, None], 0.0)
-        pull = -jnp.swapaxes(lin.share * lin.jacobian, 1, 2)
-        hessian = jnp.concatenate(
-            [
-                jnp.concatenate([hessian, pull], axis=2),
-                jnp.concatenate([lin.jacobian, softness], axis=2),
-            ],
-            axis=1,
-        )
-        extra = len(layout.rows)
-        if curvature is not None:
-            curvature = jnp.pad(curvature, ((0, 0), (0, extra), (0, extra)))
-        b = jnp.concatenate([b, jnp.zeros((*b.shape[:2], extra), b.dtype)], axis=2)
-    return StageSystem(hessian, curvature, lin.a, b, lin.rho)
+    curvature = dynamics_hessian(layout, lin.previous, point.u, ev.q, convexity)
+    return StageSystem(hessian, curvature, lin.a, lin.b, lin.rho)
 
 
 def direction(
@@ -140,8 +106,6 @@ def direction(
     factor: Factor,
     eliminated: Eliminated,
     linear: Linear,
-    *,
-    condensed: bool = False,
 ) -> Iterate:
     """Solve for one right-hand side and recover slacks and multipliers."""
     lin, res, n = ev.lin, ev.residual, layout.n
@@ -157,26 +121,16 @@ def direction(
     wanted = row - excess - res.rows
     shift = high - low
     stationary = shift[:, n:] + res.stationarity
-    if condensed:
-        soft = eliminated.softness
-        pull = jnp.einsum("tka,tk->ta", lin.share * lin.jacobian, wanted / soft)
-        dx, du, _ = solve_stages(
-            factor,
-            shift[:, :n] - pull[:, :n],
-            stationary - pull[:, n:],
-            res.defect,
-            jnp.zeros(n),
-            layout.m,
-        )
-        dw = jnp.concatenate([dx, du], axis=1)
-        mult = (wanted - jnp.sum(lin.jacobian * dw[:, None, :], axis=2)) / soft
-    else:
-        rest = jnp.concatenate([stationary, -wanted], axis=1)
-        dx, du, mult = solve_stages(factor, shift[:, :n], rest, res.defect, jnp.zeros(n), layout.m)
-        dw = jnp.concatenate([dx, du], axis=1)
+    pull = jnp.einsum("tka,tk->ta", lin.share * lin.jacobian, wanted / eliminated.softness)
+    dx, du = solve_stages(
+        factor, shift[:, :n] - pull[:, :n], stationary - pull[:, n:], res.defect, jnp.zeros(n)
+    )
+    dw = jnp.concatenate([dx, du], axis=1)
+    reached = jnp.sum(lin.jacobian * dw[:, None, :], axis=2)
+    mult = (wanted - reached) / eliminated.softness
     exists = split(layout, pairs.exists)
     excess = excess + known.excess * mult
-    reached = jnp.sum(lin.jacobian * dw[:, None, :], axis=2) + excess + res.rows
+    reached = reached + excess + res.rows
     slack = Parts(
         jnp.where(exists.low, dw + res.low, 0.0),
         jnp.where(exists.high, res.high - dw, 0.0),
