@@ -26,6 +26,7 @@ from foresight_env.equilibrium.conditions.pairs import pairs_of
 from foresight_env.equilibrium.conditions.residual import evaluate
 from foresight_env.equilibrium.linear_algebra.stagewise import StageSystem, factorise, solve_stages
 from foresight_env.equilibrium.newton.newton_system import (
+    LEAST_SOFTNESS,
     eliminate_pairs,
     on_the_path,
     stage_system,
@@ -51,7 +52,9 @@ class Problem:
         )
         pairs, point = pairs_of(layout), begin(layout, options, parameters, None).point
         ev = evaluate(layout, pairs, point, parameters, jnp.ones(()), options.barrier)
-        eliminated = eliminate_pairs(layout, pairs, on_the_path(pairs, point, jnp.zeros(())))
+        eliminated = eliminate_pairs(
+            layout, pairs, on_the_path(pairs, point, jnp.zeros(())), LEAST_SOFTNESS
+        )
         self.system: StageSystem = stage_system(layout, point, ev, eliminated)
         self.sizes = layout.equal_sizes
         self.n, self.m = self.system.b.shape[1:]

@@ -1,8 +1,8 @@
 """What XLA compiles must be what was written.
 
-jaxlib 0.8 to 0.10 reads wrong entries of some fused vectors on processors with AVX2 (see
-`stagewise.solve_stages`); the interior-point method then still ends somewhere, only later or not at
-all. Here every part of a Newton step is run as compiled for speed, which is what users run, and as
+jaxlib 0.8 to 0.10 reads wrong entries of some fused vectors on processors with AVX2 (of a fused
+vector of 6 that is cut to 4); the interior-point method then still ends somewhere, only later or
+not at all. Here every part of a Newton step is run as compiled for speed, which is what users run, and as
 compiled without any optimisation, which is how all other tests are (tests/conftest.py).
 """
 
@@ -20,6 +20,7 @@ from foresight_env.equilibrium.linear_algebra.stagewise import StageSystem, fact
 from foresight_env.equilibrium.linear_algebra.transitions import EqualSizes
 from foresight_env.equilibrium.newton.interior_point import newton_step
 from foresight_env.equilibrium.newton.newton_system import (
+    LEAST_SOFTNESS,
     direction,
     eliminate_pairs,
     fischer_burmeister,
@@ -58,7 +59,7 @@ def test_newton_steps(proximity, players):
             check_parameters(game, setting.initial_state, setting.theta, setting.gamma),
         )
         pairs, point = pairs_of(layout), begin(layout, options, parameters, None).point
-        exact = jnp.zeros(())
+        exact = zero = jnp.zeros(())
 
         def evaluated(point):
             return evaluate(layout, pairs, point, parameters, exact, options.barrier)
@@ -68,14 +69,16 @@ def test_newton_steps(proximity, players):
         linear = fischer_burmeister(pairs, point, options.barrier)
 
         def beside_the_path(point, ev, linear):
-            eliminated = eliminate_pairs(layout, pairs, linear)
+            eliminated = eliminate_pairs(layout, pairs, linear, LEAST_SOFTNESS)
             factor = factorise(stage_system(layout, point, ev, eliminated), layout.equal_sizes)
             return direction(layout, pairs, ev, factor, eliminated, linear)
 
         same(beside_the_path, point, ev, linear)
 
         def stepped(point, ev):
-            return newton_step(layout, pairs, point, ev, options.barrier, None, jnp.ones(()))[0]
+            return newton_step(layout, pairs, point, ev, options.barrier, None, jnp.ones(()), zero)[
+                0
+            ]
 
         same(stepped, point, ev)
 
@@ -83,35 +86,34 @@ def test_newton_steps(proximity, players):
 @pytest.mark.parametrize(
     ("stages", "sizes"),
     [
-        (HORIZONS[0], (4, 3, 0)),
-        (HORIZONS[1], (8, 6, 2)),
-        (HORIZONS[0], (3, 1, 0)),
-        (HORIZONS[1], (12, 9, 3)),
-        (HORIZONS[1], (16, 12, 4)),
+        (HORIZONS[0], (4, 3)),
+        (HORIZONS[1], (8, 6)),
+        (HORIZONS[0], (3, 1)),
+        (HORIZONS[1], (12, 9)),
+        (HORIZONS[1], (16, 19)),
     ],
 )
 def test_a_stage_system_is_solved(stages, sizes):
     """The recursion's answer against the equations that it solves."""
-    n, m, rows = sizes
+    n, m = sizes
     random = np.random.default_rng(n * m)
     a, b = 0.5 * random.normal(size=(stages, n, n)), random.normal(size=(stages, n, m))
-    check_stage_system(random, a, b, rows, None)
+    check_stage_system(random, a, b, None)
 
 
-@pytest.mark.parametrize(("players", "rows"), [(2, 0), (2, 16), (3, 4), (4, 0), (4, 16)])
-def test_a_stage_system_of_equal_players_is_solved(players, rows):
-    """Nobody moves anybody else; small stages, large ones, and with many rows."""
+@pytest.mark.parametrize("players", [2, 3, 4, 7])
+def test_a_stage_system_of_equal_players_is_solved(players):
+    """Each player's dynamics depend on its own state; small stages and large ones."""
     sizes, stages = EqualSizes(players, 4, 2), HORIZONS[0]
     random = np.random.default_rng(players)
     own = np.eye(players)
     a = np.einsum("ij,tiab->tiajb", own, 0.5 * random.normal(size=(stages, players, 4, 4)))
     b = np.einsum("ij,tiab->tiajb", own, random.normal(size=(stages, players, 4, 2)))
     a, b = a.reshape(stages, 4 * players, -1), b.reshape(stages, 4 * players, -1)
-    b = np.concatenate([b, np.zeros((stages, 4 * players, rows))], axis=2)
-    check_stage_system(random, a, b, rows, sizes)
+    check_stage_system(random, a, b, sizes)
 
 
-def check_stage_system(random, a, b, rows, equal_sizes):
+def check_stage_system(random, a, b, equal_sizes):
     """A random system with these dynamics, solved and put into its equations."""
     stages, n, m = b.shape
     w = n + m
@@ -127,11 +129,10 @@ def check_stage_system(random, a, b, rows, equal_sizes):
 
         def solved(hessian, curvature, a, b, rho, r_x, r_u, defect):
             factor = factorise(StageSystem(hessian, curvature, a, b, rho), equal_sizes)
-            return solve_stages(factor, r_x, r_u, defect, jnp.asarray(initial_change), m - rows)
+            return solve_stages(factor, r_x, r_u, defect, jnp.asarray(initial_change))
 
         fast = jax.jit(solved, compiler_options=FAST)
-        dx, first, others = (np.asarray(v) for v in fast(*arguments))
-    du = np.concatenate([first, others], axis=1)
+        dx, du = (np.asarray(v) for v in fast(*arguments))
     before = np.concatenate([initial_change[None], dx[:-1]])
     moved = np.einsum("tij,tj->ti", a, before) + np.einsum("tij,tj->ti", b, du) + defect
     np.testing.assert_allclose(dx, moved, atol=1e-10)

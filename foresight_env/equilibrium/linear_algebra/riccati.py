@@ -18,6 +18,7 @@ from foresight_env.equilibrium.linear_algebra.small_matrices import (
 )
 from foresight_env.equilibrium.linear_algebra.transitions import EqualSizes, blocks_of, both_sides
 
+
 class MatrixRecursion(NamedTuple):
     """Result of the backward matrix recursion, per stage."""
 

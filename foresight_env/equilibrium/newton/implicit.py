@@ -45,6 +45,10 @@ from foresight_env.equilibrium.newton.start import Start, begin_phase
 from foresight_env.equilibrium.settings import SolverOptions
 from foresight_env.games.types import Scalar
 
+TANGENT_SOFTNESS = 1e-7
+"""Softness of constraint rows in the tangents' linear system, whose influence a second solve takes
+back: without it active rows would weigh up to the inverse of the barrier there."""
+
 
 class Equilibrium(NamedTuple):
     """Raw result of one solve on joint vectors."""
@@ -101,7 +105,9 @@ def _solve(
         )
         ended = phase_ended(layout, options, phase, rules, accuracy)
         success = succeeded(phase, accuracy)
-        moved = (phase.iteration > 1) | jnp.isfinite(phase.error)
+        reached = phase.evaluation.error
+        moved = (reached < phase.first_error) | (reached > phase.first_error)
+        moved = moved | jnp.isfinite(phase.error)
         again = ended & ~success & (number < last)
         # Derivatives of the solution need all curvature.
         repeats = success & (phase.used != 0.0)
@@ -175,7 +181,9 @@ def solution_tangent(
     point, ev = jax.tree.map(jax.lax.stop_gradient, (result.point, result.evaluation))
     fixed = jax.tree.map(jax.lax.stop_gradient, parameters)
     # On the path `slack * multiplier` stays what it is.
-    eliminated = eliminate_pairs(layout, pairs, on_the_path(pairs, point, jnp.zeros(())))
+    eliminated = eliminate_pairs(
+        layout, pairs, on_the_path(pairs, point, jnp.zeros(())), TANGENT_SOFTNESS
+    )
     factor = factorise(stage_system(layout, point, ev, eliminated), layout.equal_sizes)
     n = layout.n
 
@@ -188,13 +196,22 @@ def solution_tangent(
     _, (r_u, rows, penalty) = jax.jvp(conditions, (fixed,), (change,))
     known, soft, jacobian = eliminated.ratios, eliminated.softness, ev.lin.jacobian
     wanted = -rows + known.excess * penalty
-    pull = jnp.einsum("tka,tk->ta", ev.lin.share * jacobian, wanted / soft)
-    dx, du = solve_stages(
-        factor, -pull[:, :n], r_u - pull[:, n:], jnp.zeros_like(point.x), change.initial_state
-    )
-    dw = jnp.concatenate([dx, du], axis=1)
+
+    moved = jnp.asarray(change.initial_state)
+
+    def solved(rhs: Array) -> tuple[Array, Array]:
+        """Changes of the stage vector and of the row multipliers."""
+        pull = jnp.einsum("tka,tk->ta", ev.lin.share * jacobian, rhs / soft)
+        dx, du = solve_stages(
+            factor, -pull[:, :n], r_u - pull[:, n:], jnp.zeros_like(point.x), moved
+        )
+        dw = jnp.concatenate([dx, du], axis=1)
+        return dw, (rhs - jnp.einsum("tka,ta->tk", jacobian, dw)) / soft
+
+    dw, mult = solved(wanted)
+    if layout.rows:
+        dw, mult = solved(wanted + TANGENT_SOFTNESS * mult)
     slope = jnp.einsum("tka,ta->tk", jacobian, dw)
-    mult = (wanted - slope) / soft
     excess = known.excess * (mult - penalty)
     exists = split(layout, pairs.exists)
     low, high = jnp.where(exists.low, dw, 0.0), jnp.where(exists.high, -dw, 0.0)
@@ -206,4 +223,4 @@ def solution_tangent(
         mult,
     )
     ok = jnp.where(result.success, 1.0, jnp.nan)
-    return jax.tree.map(lambda v: ok * v, Iterate(dx, du, join(slack), join(mults)))
+    return jax.tree.map(lambda v: ok * v, Iterate(dw[:, :n], dw[:, n:], join(slack), join(mults)))

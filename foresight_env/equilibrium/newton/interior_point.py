@@ -28,6 +28,7 @@ from foresight_env.equilibrium.newton.newton_system import (
     eliminate_pairs,
     fischer_burmeister,
     on_the_path,
+    row_softness,
     stage_system,
 )
 from foresight_env.games.types import Scalar
@@ -87,6 +88,7 @@ def newton_step(
     end: Scalar | float,
     semismooth: Bool[Array, ""] | None,
     weight: Scalar,
+    damping: Scalar,
 ) -> tuple[Iterate, Scalar]:
     """Return the next point, and the part of the step that was taken.
 
@@ -98,6 +100,7 @@ def newton_step(
         end: complementarity product of the solution.
         semismooth: whether the step is a full semismooth one; None: the program has none.
         weight: convexification weight.
+        damping: what is added to controls' curvature and to the softness of rows.
     """
 
     def on_path() -> Linear:
@@ -107,8 +110,8 @@ def newton_step(
         return fischer_burmeister(pairs, point, end)
 
     linear = on_path() if semismooth is None else jax.lax.cond(semismooth, off_path, on_path)
-    eliminated = eliminate_pairs(layout, pairs, linear)
-    system = stage_system(layout, point, ev, eliminated, weight)
+    eliminated = eliminate_pairs(layout, pairs, linear, row_softness(ev.error, damping))
+    system = stage_system(layout, point, ev, eliminated, weight, damping)
     factor = factorise(system, layout.equal_sizes)
     first = direction(layout, pairs, ev, factor, eliminated, linear)
 

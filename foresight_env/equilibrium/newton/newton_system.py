@@ -20,8 +20,12 @@ EQUALITY_SOFTNESS = 1e-8
 qualification; it vanishes at the solution."""
 LEAST_SOFTNESS = 1e-10
 """The same of inequality rows, so that no active row weighs more than its inverse in the stage
-matrices, where rounding would swallow the players' own curvature. With 1e-8 phases of games without
-a solution take all their steps, with 1e-12 fewer games are solved (`benchmarks.stress`)."""
+matrices, where rounding would swallow the players' own curvature."""
+FINAL_SOFTNESS = 1e-8
+"""The same where the residual is below `FINAL_RESIDUAL`, and multipliers hardly move any more. From
+the beginning, phases of games without a solution would take all their steps (`benchmarks.stress`).
+"""
+FINAL_RESIDUAL = 1e-3
 
 
 class Linear(NamedTuple):
@@ -68,13 +72,23 @@ class Eliminated(NamedTuple):
     """`-d g / d mult` of each row."""
 
 
-def eliminate_pairs(layout: Layout, pairs: Pairs, linear: Linear) -> Eliminated:
-    """Coefficients that the stage matrices and every right-hand side share."""
+def row_softness(error: Scalar, damping: Scalar) -> Scalar:
+    """Return what a Newton step from a point with this residual adds to the softness of rows."""
+    return damping + jnp.where(error < FINAL_RESIDUAL, FINAL_SOFTNESS, LEAST_SOFTNESS)
+
+
+def eliminate_pairs(
+    layout: Layout, pairs: Pairs, linear: Linear, softness: Scalar | float
+) -> Eliminated:
+    """Coefficients that the stage matrices and every right-hand side share.
+
+    `softness` is added to that of all rows: a proximal term of their multipliers.
+    """
     slope, own = split(layout, linear.slope), split(layout, linear.own)
     excess = jnp.where(pairs.elastic, own.excess / jnp.where(pairs.elastic, slope.excess, 1.0), 0.0)
     row = own.row / jnp.where(pairs.equality, 1.0, slope.row)
-    softness = jnp.where(pairs.equality, EQUALITY_SOFTNESS, row + excess + LEAST_SOFTNESS)
-    return Eliminated(Parts(slope.low / own.low, slope.high / own.high, excess, row), softness)
+    total = softness + jnp.where(pairs.equality, EQUALITY_SOFTNESS, row + excess)
+    return Eliminated(Parts(slope.low / own.low, slope.high / own.high, excess, row), total)
 
 
 def stage_system(
@@ -83,13 +97,16 @@ def stage_system(
     ev: Evaluation,
     eliminated: Eliminated,
     convexity: Scalar | None = None,
+    damping: Scalar | float = 0.0,
 ) -> StageSystem:
     """The linear system with slacks and all multipliers eliminated.
 
-    `convexity`: the convexification weight of the dynamics' curvature (None: nothing is left out).
+    `convexity`: the convexification weight of the dynamics' curvature (None: nothing is left out);
+    `damping`: what is added to the controls' own curvature.
     """
     lin = ev.lin
-    diagonal = eliminated.ratios.low + eliminated.ratios.high
+    of_controls = jnp.arange(layout.n + layout.m) >= layout.n
+    diagonal = eliminated.ratios.low + eliminated.ratios.high + damping * of_controls
     eye = jnp.eye(diagonal.shape[1], dtype=bool)
     hessian = lin.hessian + jnp.where(eye, diagonal[:, :, None], 0.0)
     if layout.rows:

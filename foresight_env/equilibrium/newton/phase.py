@@ -24,6 +24,7 @@ from foresight_env.equilibrium.conditions.residual import (
     violation,
 )
 from foresight_env.equilibrium.newton.convexification import next_weight, used_weight
+from foresight_env.equilibrium.newton.damping import Damped, is_rejected, next_damped, undamped
 from foresight_env.equilibrium.newton.interior_point import newton_step
 from foresight_env.equilibrium.newton.schedule import PhaseRules
 from foresight_env.equilibrium.settings import SolverOptions
@@ -57,11 +58,13 @@ class PhaseState(NamedTuple):
     """Residual where the phase began."""
     iteration: Int[Array, ""]
     finite: Bool[Array, ""]
-    """False once a step overflowed, which ends the phase."""
+    """False once a step overflowed that was not rejected, which ends the phase."""
     weight: Float[Array, ""]
     """Convexification weight."""
     used: Float[Array, ""]
     """The weight that the evaluation was made with; 0: all curvature is in it."""
+    damped: Damped
+    """Of the next step."""
 
     @property
     def error(self) -> Scalar:
@@ -94,7 +97,9 @@ def init_phase(
     first = evaluate(layout, pairs_of(layout), start, parameters, weight, accuracy.barrier)
     zero = jnp.zeros((), int)
     finite = _is_finite(start, first)
-    return PhaseState(start, first, first.error, zero, finite, weight, weight)
+    return PhaseState(
+        start, first, first.error, zero, finite, weight, weight, undamped(first.error)
+    )
 
 
 def step_phase(
@@ -107,7 +112,9 @@ def step_phase(
 ) -> PhaseState:
     """Return the state after one Newton step."""
     point, taken, used = _newton_point(layout, options, state, rules, accuracy)
-    return _stepped(layout, options, parameters, state, point, taken, used, accuracy)
+    return _stepped(
+        layout, options, parameters, state, point, taken, used, accuracy, rules.semismooth
+    )
 
 
 def init_or_step_phase(
@@ -139,12 +146,20 @@ def init_or_step_phase(
 
     way = jnp.where(begins, 0, jnp.where(repeats, 2, 1))
     point, taken, used = jax.lax.switch(way, (first, next_one, same))
-    moved = _stepped(layout, options, parameters, state, point, taken, used, accuracy, begins)
+    always = begins | repeats
+    moved = _stepped(
+        layout, options, parameters, state, point, taken, used, accuracy, rules.semismooth, always
+    )
     iteration = jnp.where(begins, 0, jnp.where(repeats, state.iteration, moved.iteration))
     return moved._replace(
         first_error=jnp.where(begins, moved.evaluation.error, state.first_error),
         iteration=iteration,
         weight=jnp.where(begins, used, moved.weight),
+        damped=jax.tree.map(
+            lambda first, later: jnp.where(begins, first, later),
+            undamped(moved.evaluation.error),
+            moved.damped,
+        ),
     )
 
 
@@ -166,7 +181,14 @@ def _newton_point(
     before = state.evaluation
     used = used_weight(options.convexification, state.weight, before.error, rules.exact_below)
     point, taken = newton_step(
-        layout, pairs_of(layout), state.point, before, accuracy.barrier, rules.semismooth, used
+        layout,
+        pairs_of(layout),
+        state.point,
+        before,
+        accuracy.barrier,
+        rules.semismooth,
+        used,
+        state.damped.value,
     )
     return point, taken, used
 
@@ -180,23 +202,33 @@ def _stepped(
     taken: Scalar,
     used: Scalar,
     accuracy: Accuracy,
+    semismooth: Bool[Array, ""] | None,
     always: Bool[Array, ""] | bool = False,
 ) -> PhaseState:
-    """The state at `point`, or the last one where that overflowed and is not taken `always`."""
+    """The state at `point`, or the last one where it is rejected and not taken `always`."""
     before = state.evaluation
     ev = evaluate(layout, pairs_of(layout), point, parameters, used, accuracy.barrier)
     schedule = options.convexification
     weight = next_weight(schedule, layout, state.weight, before.error, ev.error, taken)
     finite = _is_finite(point, ev)
+    # A semismooth phase is short, and ends where its residual rises.
+    rejectable = ~jnp.asarray(always) if semismooth is None else ~semismooth & ~always
+    rejected = rejectable & is_rejected(options.damping, state.damped, ev.error)
+    damped = next_damped(options.damping, state.damped, before.error, ev.error, rejected)
+    if not layout.linear:
+        weight = jnp.where(rejected, 1.0, weight)
     # A step that overflowed is not taken: the result shows how far the method came.
-    kept = finite | always
+    kept = (finite & ~rejected) | always
+    finite = finite | (rejected & (damped.value < options.damping.most))
     point, ev = jax.tree.map(
         lambda new, old: jnp.where(kept, new, old),
         (point, ev),
         (state.point, before),
     )
     used = jnp.where(kept, used, state.used)
-    return PhaseState(point, ev, state.first_error, state.iteration + 1, finite, weight, used)
+    return PhaseState(
+        point, ev, state.first_error, state.iteration + 1, finite, weight, used, damped
+    )
 
 
 def phase_ended(
@@ -248,4 +280,6 @@ def blank_phase(
     )
     nothing = jax.tree.map(lambda v: jnp.zeros(v.shape, v.dtype), shapes)
     zero = jnp.zeros((), int)
-    return PhaseState(point, nothing, jnp.zeros(()), zero, jnp.ones((), bool), weight, weight)
+    return PhaseState(
+        point, nothing, weight, zero, jnp.ones((), bool), weight, weight, undamped(weight)
+    )
