@@ -22,6 +22,7 @@ class Study(StrEnum):
     BATCH = "batch"
     ACCELERATOR = "accelerator"
     GROWTH = "growth"
+    MERGE = "merge"
     DERIVATIVES = "derivatives"
     LINEAR_STEP = "linear_step"
     RIVALS = "rivals"

@@ -124,7 +124,7 @@ def run(setting: Setting) -> list[Result]:
     rows = [row(cars, 20 if setting.quick else 100) for cars in sizes]
     note = (
         "RD3G's car merge, cold, tolerance 1e-8 unless stated, one solve at a time. RD3G-SOSC: "
-        f"time and shares converged and of second order by its authors, tolerance {ROUGH:g}, at most "
-        f"20 steps, hardware not stated. {yardstick.note}"
+        "time and shares converged and of second order by its authors, tolerance "
+        f"{ROUGH:g}, at most 20 steps, hardware not stated. {yardstick.note}"
     )
     return [Result("Car merge", note, rows).show(setting.console)]

@@ -2,8 +2,8 @@
 
 jaxlib 0.8 to 0.10 reads wrong entries of some fused vectors on processors with AVX2 (of a fused
 vector of 6 that is cut to 4); the interior-point method then still ends somewhere, only later or
-not at all. Here every part of a Newton step is run as compiled for speed, which is what users run, and as
-compiled without any optimisation, which is how all other tests are (tests/conftest.py).
+not at all. Here every part of a Newton step is run as compiled for speed, which is what users run,
+and as compiled without any optimisation, which is how all other tests are (tests/conftest.py).
 """
 
 import jax
