@@ -259,6 +259,9 @@ def test_collision_among_the_others_does_not_end_the_episode():
         def reset(self, episode_parameters):
             self.episode_parameters = episode_parameters
 
+        def plan(self, states):
+            return None
+
         def act(self, states):
             return np.array([[0.0, 0.0], [5.0, 0.0], [-5.0, 0.0]])
 
@@ -316,6 +319,22 @@ def test_open_loop_others_follow_one_plan():
 
 
 @pytest.mark.parametrize("behaviour", ["receding", "open_loop"])
+def test_information_has_the_plan_that_the_others_follow_next(behaviour):
+    env = make(behaviour=behaviour)
+    info = env.reset(seed=2)[1][EGO]
+    assert info["solver_status"] == oracle.NOTHING_SOLVED
+    while env.agents:
+        plan, before = info["plan_controls"], info["plan_states"]
+        np.testing.assert_allclose(before[:, 0], info["state"], atol=1e-6)
+        # Whoever plays its part of it moves all agents as planned.
+        info = env.step({EGO: plan[0, 0].astype(np.float32).clip(-10, 10)})[4][EGO]
+        np.testing.assert_allclose(info["controls"], plan[:, 0], atol=1e-6)
+        np.testing.assert_allclose(info["state"], before[:, 1], atol=1e-6)
+    assert np.isnan(info["plan_controls"]).all()
+    assert np.isnan(info["plan_states"]).all()
+
+
+@pytest.mark.parametrize("behaviour", ["receding", "open_loop"])
 def test_without_any_plan_others_brake_to_rest(behaviour, monkeypatch):
     def fail(*arguments, **named):
         found = solve(*arguments, **named)
@@ -336,7 +355,6 @@ def test_without_any_plan_others_brake_to_rest(behaviour, monkeypatch):
 
 def test_a_failed_solve_keeps_the_shifted_plan(monkeypatch):
     env = make()
-    env.reset(seed=1)
     plans = []
 
     def sometimes(*arguments, **named):
@@ -345,6 +363,7 @@ def test_a_failed_solve_keeps_the_shifted_plan(monkeypatch):
         return found if len(plans) == 1 else found._replace(status=np.array(Status.INFEASIBLE))
 
     monkeypatch.setattr(oracle, "solve", sometimes)
+    env.reset(seed=1)
     for step in range(3):
         info = env.step(STILL)[4][EGO]
         assert info["controls"][1] == pytest.approx(plans[0].controls[1][step], abs=1e-7)
