@@ -19,9 +19,7 @@ TEST_SEEDS = range(200)
 
 SETTINGS: dict[str, RunSetting] = {
     **{
-        place: RunSetting("driving", scene=place)
-        if place in SCENE_NAMES
-        else RunSetting(place)
+        place: RunSetting("driving", scene=place) if place in SCENE_NAMES else RunSetting(place)
         for place in PLACES
     },
     "crowd-3-short": RunSetting("crosswalk", players=3, others_gamma=(0.2, 0.7)),

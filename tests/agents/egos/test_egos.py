@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import agents.egos.planning
-from agents import EGOS, Decision, Oracle, constant_velocity, make_ego
+from agents import EGOS, Decision, InferGamma, Oracle, constant_velocity, make_ego
 from foresight_env.equilibrium import Status
 from foresight_env.games import inside_bounds
 from foresight_env.scenarios.crosswalk import CONTROL_LIMIT, DT, SPEED_LIMIT, crosswalk_game
@@ -178,6 +178,17 @@ def test_the_oracle_plays_its_part_of_the_plan_that_the_others_follow():
         np.testing.assert_array_equal(decision.predicted[1], expected[1, 1:, :2])
         observations, _, _, _, infos = env.step({EGO: decision.action})
         np.testing.assert_allclose(infos[EGO]["state"], expected[:, 1], atol=1e-6)
+
+
+def test_an_ego_that_knows_gamma_infers_all_but_that():
+    known, infos = drive({EGO: ego("know-gamma")})
+    assert known[-1][EGO].gammas[1] == (infos[-1][EGO]["gamma"][1], 0.0)
+    assumed, _ = drive({EGO: ego("assume-gamma-1")})
+    assert not same(known[-1][EGO], assumed[-1][EGO])
+    with pytest.raises(ValueError, match="'gamma'; know-gamma needs"):
+        drive({EGO: ego("know-gamma")}, poison=lambda info: {})
+    with pytest.raises(ValueError, match="true_gamma: is True with infer_gamma"):
+        InferGamma(true_gamma=True)
 
 
 def test_the_oracle_needs_the_truth():

@@ -1,0 +1,118 @@
+"""Tables of the value of information (`evaluation.studies.value`)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from evaluation.execution.store import Row
+from evaluation.metrics.statistics import Interval, mean_interval
+from evaluation.reports.failures import errors_of, failed
+from evaluation.reports.naming import heading_of
+from evaluation.rollout.clairvoyant import CLAIRVOYANT
+from evaluation.studies.value import (
+    BASELINE,
+    Compared,
+    Share,
+    compare,
+    episodes_of,
+    harmed,
+    share,
+    time_to_goal,
+)
+
+
+def print_value(
+    console: Console,
+    rows: Sequence[Row],
+    settings: Sequence[str],
+    egos: Sequence[str],
+    bound: str = CLAIRVOYANT,
+) -> None:
+    """Value of information per setting, and the share of it that each ego closes."""
+    compared = {setting: compare(rows, setting, bound) for setting in settings}
+    table = Table(
+        title=f"Value of information: what {BASELINE} loses to {bound}, and the share that each "
+        "ego closes (95 %)"
+    )
+    table.add_column("setting")
+    table.add_column("value of information", no_wrap=True)
+    others = [ego for ego in egos if ego not in (BASELINE, bound)]
+    for ego in others:
+        table.add_column(escape(heading_of(ego, console.width)), justify="right")
+    for setting, found in compared.items():
+        if found is None:
+            table.add_row(setting, "no episode finished")
+            continue
+        shares = [share(rows, setting, ego, bound) for ego in others]
+        table.add_row(
+            f"{setting}, n {found.seeds}", _cost(found), *(_cost_share(part) for part in shares)
+        )
+        table.add_row("", _harm(found), *(_harm_share(part) for part in shares))
+        table.add_row("", f"time to goal {_interval(found.time)} s", end_section=True)
+    console.print(table)
+    _print_episodes(console, rows, settings, (*egos, *([] if bound in egos else [bound])))
+    console.print(
+        "cost: where neither of the compared egos is harmed. harmed: collided or left the road; p: "
+        "McNemar's exact test. A share is given where the gap is significant."
+    )
+    if errors := errors_of(rows):
+        console.print(f"[red]{escape(failed(errors))}[/red]")
+
+
+def _interval(found: Interval, digits: int = 2) -> str:
+    return f"{found.mean:.{digits}f} [{found.low:.{digits}f}, {found.high:.{digits}f}]"
+
+
+def _cost(found: Compared) -> str:
+    if found.cost is None:
+        return "cost: one of the two is always harmed"
+    part = f"{100.0 * found.relative_cost:.0f} % of {BASELINE}'s"
+    return f"cost {_interval(found.cost)}, {part} (n {found.unharmed})"
+
+
+def _harm(found: Compared) -> str:
+    first, second = found.harmed
+    return f"harmed {first} -> {second}, p {found.p_value:.2g}"
+
+
+def _cost_share(found: Share) -> str:
+    if found.cost is None:
+        return "-"
+    mean, low, high = (100.0 * value for value in found.cost)
+    return f"{mean:.0f} % [{low:.0f}, {high:.0f}]"
+
+
+def _harm_share(found: Share) -> str:
+    return "-" if found.harm is None else f"{100.0 * found.harm:.0f} %"
+
+
+def _print_episodes(
+    console: Console, rows: Sequence[Row], settings: Sequence[str], egos: Sequence[str]
+) -> None:
+    """How each ego's episodes went: harm, smallest gap, cost where unharmed, time to the goal."""
+    table = Table(title="Episodes: harmed; cost where unharmed; time to goal (means ±95 %)")
+    table.add_column("setting")
+    for ego in egos:
+        table.add_column(escape(heading_of(ego, console.width)), justify="right")
+    for setting in settings:
+        own = [list(episodes_of(rows, setting, ego).values()) for ego in egos]
+        if not all(own):
+            continue
+        table.add_row(setting, *(f"{sum(map(harmed, good))} of {len(good)}" for good in own))
+        table.add_row("", *(_mean([r["cost"] for r in good if not harmed(r)]) for good in own))
+        table.add_row("", *(_mean([time_to_goal(r) for r in good], " s") for good in own))
+        table.add_section()
+    console.print(table)
+
+
+def _mean(values: Sequence[float], unit: str = "") -> str:
+    if not values:
+        return "-"
+    found = mean_interval(np.array(values))
+    half = max(found.high - found.mean, found.mean - found.low)
+    return f"{found.mean:.2f} ±{half:.2f}{unit}"
