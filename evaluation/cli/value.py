@@ -74,15 +74,19 @@ def value(
     if episodes > len(available):
         raise ValueError(f"--episodes: is {episodes}; there are {len(available)} {seeds} seeds")
     from evaluation.reports.terminal import terminal
-    from evaluation.reports.value import print_value
+    from evaluation.reports.value import print_value, value_figure
     from evaluation.studies.value import study
 
     rows = study(
-        out,
+        out / "episodes",
         chosen,
         compared,
         available[:episodes],
         workers=chosen_workers(workers, cluster),
         clairvoyant=bound == "clairvoyant",
     )
-    print_value(terminal(), rows, chosen, compared, bound)
+    console = terminal()
+    print_value(console, rows, chosen, compared, bound)
+    shown = tuple(dict.fromkeys((bound, *compared)))
+    picture = value_figure(rows, chosen, shown, out / "value.png")
+    console.print(f"picture: {picture}", soft_wrap=True, markup=False)

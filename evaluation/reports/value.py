@@ -1,10 +1,12 @@
-"""Tables of the value of information (`evaluation.studies.value`)."""
+"""Tables and figure of the value of information (`evaluation.studies.value`)."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
@@ -12,7 +14,8 @@ from rich.table import Table
 from evaluation.execution.store import Row
 from evaluation.metrics.statistics import Interval, mean_interval
 from evaluation.reports.failures import errors_of, failed
-from evaluation.reports.naming import heading_of
+from evaluation.reports.figures import save
+from evaluation.reports.naming import colour_of, heading_of, label_of
 from evaluation.rollout.clairvoyant import CLAIRVOYANT
 from evaluation.studies.value import (
     BASELINE,
@@ -116,3 +119,38 @@ def _mean(values: Sequence[float], unit: str = "") -> str:
     found = mean_interval(np.array(values))
     half = max(found.high - found.mean, found.mean - found.low)
     return f"{found.mean:.2f} ±{half:.2f}{unit}"
+
+
+def value_figure(
+    rows: Sequence[Row], settings: Sequence[str], egos: Sequence[str], path: Path
+) -> Path:
+    """Per setting, what each ego saves in cost against the baseline, and how often it is harmed."""
+    figure = Figure(figsize=(9.0, 1.6 + 0.8 * len(settings)), layout="constrained")
+    saved, harm = figure.subplots(1, 2, sharey=True)
+    shown = [ego for ego in egos if ego != BASELINE]
+    height = 0.8 / (len(shown) + 1)
+    for k, setting in enumerate(settings):
+        for n, ego in enumerate((BASELINE, *shown)):
+            place = -k + 0.4 - (n + 0.5) * height
+            good = list(episodes_of(rows, setting, ego).values())
+            if not good:
+                continue
+            colour, label = colour_of(ego), label_of(ego) if k == 0 else None
+            share_harmed = 100.0 * sum(map(harmed, good)) / len(good)
+            harm.barh(place, share_harmed, 0.9 * height, color=colour, label=label)
+            found = compare(rows, setting, ego)
+            if ego == BASELINE or found is None or found.cost is None or not found.cost.mean:
+                continue
+            percent = 100.0 * found.relative_cost / found.cost.mean
+            middle, low, high = (percent * value for value in found.cost)
+            saved.errorbar(
+                middle, place, xerr=[[middle - low], [high - middle]],
+                fmt="o", ms=4, capsize=3, color=colour,
+            )  # fmt: skip
+    saved.axvline(0.0, color=colour_of(BASELINE), lw=1.5)
+    saved.set_yticks([-k for k in range(len(settings))], settings)
+    saved.set_xlabel(f"cost saved against {BASELINE} [%], 95 %,\nwhere neither is harmed")
+    harm.set_xlabel("episodes with a collision or off the road [%]")
+    harm.set_xlim(left=0.0)
+    figure.legend(fontsize=8, loc="outside upper center", ncols=len(shown) + 1)
+    return save(figure, path)

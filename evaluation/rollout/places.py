@@ -17,20 +17,31 @@ DEVELOPMENT_SEEDS = range(1000, 1040)
 TEST_SEEDS = range(200)
 """Episodes of which results are published; studies take as many of the first as they need."""
 
+
+def _crowd(walkers: int, least: float, most: float) -> RunSetting:
+    """Walkers whose discount factors lie between these."""
+    return RunSetting("crosswalk", players=walkers, others_gamma=(least, most))
+
+
 SETTINGS: dict[str, RunSetting] = {
     **{
         place: RunSetting("driving", scene=place) if place in SCENE_NAMES else RunSetting(place)
         for place in PLACES
     },
-    "crowd-3-short": RunSetting("crosswalk", players=3, others_gamma=(0.2, 0.7)),
-    "crowd-4-short": RunSetting("crosswalk", players=4, others_gamma=(0.2, 0.7)),
-    "crowd-4-far": RunSetting("crosswalk", players=4, others_gamma=(0.7, 1.0)),
-    "left_turn-25": RunSetting("driving", "left_turn", planning_horizon=25),
-    "merge-25": RunSetting("driving", "merge", planning_horizon=25),
-    "roundabout-25": RunSetting("driving", "roundabout", planning_horizon=25),
+    "crowd-3-short": _crowd(3, 0.2, 0.7),
+    "crowd-4-short": _crowd(4, 0.2, 0.7),
+    "crowd-4-medium": _crowd(4, 0.5, 0.9),
+    "crowd-3-far": _crowd(3, 0.7, 1.0),
+    "crowd-4-far": _crowd(4, 0.7, 1.0),
+    "left_turn-2.5s": RunSetting("driving", "left_turn", planning_horizon=25),
+    **{
+        f"{scene}-4s": RunSetting("driving", scene, planning_horizon=20, step=0.2)
+        for scene in ("left_turn", "merge", "roundabout")
+    },
 }
-"""Settings by name. A number after `crowd-` counts walkers, `short` and `far` are their foresight;
-a number after a driving scene is the planning horizon in steps of 0.1 s (the paper's is 11)."""
+"""Settings by name. `crowd-N-FORESIGHT`: N walkers at the crosswalk whose foresight is short, medium
+or far. `SCENE-SECONDS`: a driving scene in which all plan so far ahead (the paper's horizon, that
+of the scene's plain name, is 1.1 s)."""
 
 
 def setting_of(name: str, others: str = "receding") -> RunSetting:

@@ -19,7 +19,7 @@ def test_published_places_are_as_they_were():
     assert setting_of("crosswalk") == RunSetting("crosswalk")
     assert setting_of("merge", "idm") == RunSetting("driving", scene="merge", behaviour="idm")
     assert set(PLACES) <= set(SETTINGS)
-    assert is_driving("left_turn-25")
+    assert is_driving("left_turn-4s")
     assert not is_driving("crowd-3-short")
     with pytest.raises(ValueError, match="'nowhere' is unknown; choose from crosswalk"):
         setting_of("nowhere")

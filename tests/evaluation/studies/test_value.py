@@ -4,15 +4,18 @@ from io import StringIO
 
 import numpy as np
 import pytest
+from PIL import Image
 from rich.console import Console
 
-from evaluation.reports.value import print_value
+from evaluation.execution.store import Store
+from evaluation.reports.page import write_report
+from evaluation.reports.value import print_value, value_figure
 from evaluation.rollout.clairvoyant import CLAIRVOYANT, Clairvoyant
 from evaluation.rollout.endings import COLLISION, OFF_ROAD, REACHED, TIME_OUT
 from evaluation.rollout.places import SETTINGS
 from evaluation.rollout.setting import RunSetting
 from evaluation.studies import value
-from evaluation.studies.value import BASELINE, compare, share, study
+from evaluation.studies.value import BASELINE, KEY, compare, share, study
 
 
 def row(ego, seed, ended, cost, time=3.0, **others):
@@ -97,6 +100,20 @@ def test_the_table_says_what_it_is_worth():
     assert "ValueError: no" in text
     assert "2 of 10" in text
     assert "no episode finished" in text_of(ROWS, ("late", BASELINE), ("elsewhere",))
+
+
+def test_a_figure_and_a_report_of_rows(tmp_path):
+    rows = [{**r, "setting": "crowd-3-short", "settings": "s"} for r in ROWS if not r["error"]]
+    picture = value_figure(
+        rows, ("crowd-3-short",), ("infer-gamma", CLAIRVOYANT), tmp_path / "x.png"
+    )
+    with Image.open(picture) as image:
+        assert image.width > 1000
+    Store(tmp_path / "rows", "value of information", {}, KEY).append(rows)
+    text = write_report(tmp_path, episodes=0).read_text()
+    assert "the others&#39; foresight is worth" in text
+    assert "harmed 6 -&gt; 0" in text
+    assert (tmp_path / "figures" / "rows_value.pdf").exists()
 
 
 @pytest.fixture
