@@ -38,10 +38,14 @@ SETTINGS: dict[str, RunSetting] = {
         f"{scene}-4s": RunSetting("driving", scene, planning_horizon=20, step=0.2)
         for scene in ("left_turn", "merge", "roundabout")
     },
+    "left_turn-4s-short": RunSetting(
+        "driving", "left_turn", planning_horizon=20, step=0.2, others_gamma=(0.3, 0.7)
+    ),
 }
-"""Settings by name. `crowd-N-FORESIGHT`: N walkers at the crosswalk whose foresight is short, medium
-or far. `SCENE-SECONDS`: a driving scene in which all plan so far ahead (the paper's horizon, that
-of the scene's plain name, is 1.1 s)."""
+"""Settings by name. `crowd-N-FORESIGHT`: N walkers at the crosswalk with short, medium or far
+foresight. `SCENE-SECONDS`: a driving scene in which all plan so far ahead, in steps of 0.1 s (2.5s)
+or 0.2 s (4s); the horizon of the scene's plain name, the paper's, is 1.1 s. Discount factors count
+per step."""
 
 
 def setting_of(name: str, others: str = "receding") -> RunSetting:
