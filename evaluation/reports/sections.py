@@ -36,7 +36,7 @@ from evaluation.rollout.places import SETTINGS
 from evaluation.rollout.setting import RunSetting
 from evaluation.studies.benchmark import Plan
 from evaluation.studies.closed_loop import summarise
-from evaluation.studies.value import harmed
+from evaluation.studies.value_summary import harmed
 from evaluation.windows.table import with_windows
 
 Draw = Callable[[Path], Path]

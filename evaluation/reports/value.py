@@ -17,8 +17,8 @@ from evaluation.reports.failures import errors_of, failed
 from evaluation.reports.figures import save
 from evaluation.reports.naming import colour_of, heading_of, label_of
 from evaluation.rollout.clairvoyant import CLAIRVOYANT
-from evaluation.studies.value import (
-    BASELINE,
+from evaluation.studies.value import BASELINE
+from evaluation.studies.value_summary import (
     Compared,
     Share,
     compare,
@@ -151,6 +151,6 @@ def value_figure(
     saved.set_yticks([-k for k in range(len(settings))], settings)
     saved.set_xlabel(f"cost saved against {BASELINE} [%], 95 %,\nwhere neither is harmed")
     harm.set_xlabel("episodes with a collision or off the road [%]")
-    harm.set_xlim(left=0.0)
+    harm.set_xlim(0.0, max(10.0, harm.get_xlim()[1]))
     figure.legend(fontsize=8, loc="outside upper center", ncols=len(shown) + 1)
     return save(figure, path)

@@ -15,7 +15,8 @@ from evaluation.rollout.endings import COLLISION, OFF_ROAD, REACHED, TIME_OUT
 from evaluation.rollout.places import SETTINGS
 from evaluation.rollout.setting import RunSetting
 from evaluation.studies import value
-from evaluation.studies.value import BASELINE, KEY, compare, share, study
+from evaluation.studies.value import BASELINE, KEY, study
+from evaluation.studies.value_summary import compare, share
 
 
 def row(ego, seed, ended, cost, time=3.0, **others):
