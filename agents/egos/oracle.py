@@ -84,5 +84,7 @@ def _shared_plan(
     if states is None or controls is None or np.isnan(controls[:, 0]).any():
         return None
     action = within_limits(scene.game, ego, controls[ego, 0]).astype(np.float32)
-    predicted = {j: states[j, 1:, :2] for j in range(scene.players) if j != ego}
-    return Decision(action, states[ego, 1:, :2], predicted, gammas)
+    stages = int((~np.isnan(controls[ego, :, 0])).sum())
+    paths = states[:, 1 : stages + 1, :2]
+    predicted = {j: paths[j] for j in range(scene.players) if j != ego}
+    return Decision(action, paths[ego], predicted, gammas)

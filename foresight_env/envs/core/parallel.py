@@ -214,17 +214,23 @@ class WorldParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
         return observations
 
     def _plan_of_others(self, episode: Episode) -> JointPlan:
-        """Plan that the others follow in the next step; NaN where there is no plan or no step."""
+        """First stages of the plan that the others follow in the next step.
+
+        Always as long as the planning horizon, so that environments can stand side by side; NaN
+        beyond the plan's end, and where there is no plan or no next step.
+        """
+        horizon, size = self._scene.game.horizon, episode.states.shape[1]
+        shown = JointPlan(
+            np.full((len(episode.states), horizon + 1, size), np.nan),
+            np.full((len(episode.controls), horizon, episode.controls.shape[1]), np.nan),
+        )
         if self._behaviour is not None and self.agents:
             plan = self._behaviour.plan(episode.states.copy())
             if plan is not None:
-                return plan
-        horizon = self._scene.game.horizon
-        shapes = (
-            (len(values), stages, values.shape[1])
-            for values, stages in ((episode.states, horizon + 1), (episode.controls, horizon))
-        )
-        return JointPlan(*(np.full(shape, np.nan) for shape in shapes))
+                stages = min(horizon, plan.controls.shape[1])
+                shown.states[:, : stages + 1] = plan.states[:, : stages + 1]
+                shown.controls[:, :stages] = plan.controls[:, :stages]
+        return shown
 
     def _infos(self, episode: Episode) -> dict[str, Info]:
         report = SolverReport() if self._behaviour is None else self._behaviour.report

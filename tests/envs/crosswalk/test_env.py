@@ -332,6 +332,17 @@ def test_information_has_the_plan_that_the_others_follow_next(behaviour):
         np.testing.assert_allclose(info["state"], before[:, 1], atol=1e-6)
     assert np.isnan(info["plan_controls"]).all()
     assert np.isnan(info["plan_states"]).all()
+    # The same shapes throughout, also where the plan reaches to the episode's end.
+    assert (plan.shape, before.shape) == ((2, 6, 2), (2, 7, 4))
+    assert info["plan_controls"].shape == plan.shape
+    assert info["plan_states"].shape == before.shape
+
+
+def test_a_plan_that_ends_before_the_horizon_is_shown_as_far_as_it_goes():
+    info = make(behaviour="open_loop", max_steps=4).reset(seed=2)[1][EGO]
+    assert np.isfinite(info["plan_controls"][:, :4]).all()
+    assert np.isnan(info["plan_controls"][:, 4:]).all()
+    assert np.isfinite(info["plan_states"][:, :5]).all()
 
 
 @pytest.mark.parametrize("behaviour", ["receding", "open_loop"])
