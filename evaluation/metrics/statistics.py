@@ -86,13 +86,18 @@ def ratio_interval(
     """Ratio of two means of paired values, with a percentile bootstrap interval over the pairs.
 
     Davison and Hinkley, "Bootstrap Methods and their Application" (1997), section 2.4. Use it where
-    the denominators' mean is surely not 0.
+    the denominators' mean is surely not 0; resamples in which it is 0 are left out.
     """
     top, bottom = np.asarray(numerators, dtype=float), np.asarray(denominators, dtype=float)
-    if top.size == 0 or not np.isfinite(top).all() or not np.isfinite(bottom).all():
-        raise ValueError("numerators, denominators: expected finite pairs, at least one")
+    finite = np.isfinite(top).all() and np.isfinite(bottom).all()
+    if not finite or top.size == 0 or bottom.sum() == 0.0:
+        raise ValueError(
+            "numerators, denominators: expected finite pairs, at least one, and denominators whose "
+            "mean is not 0"
+        )
     drawn = np.random.default_rng(seed).integers(0, top.size, (2000, top.size))
-    ratios = top[drawn].sum(axis=1) / bottom[drawn].sum(axis=1)
+    sums = bottom[drawn].sum(axis=1)
+    ratios = top[drawn].sum(axis=1)[sums != 0.0] / sums[sums != 0.0]
     low, high = np.percentile(ratios, [2.5, 97.5])
     return Interval(float(top.sum() / bottom.sum()), float(low), float(high))
 

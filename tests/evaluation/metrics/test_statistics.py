@@ -89,5 +89,8 @@ def test_the_ratio_of_means_of_pairs():
     assert found.low < 0.4 < found.high
     assert 0.02 < found.high - found.low < 0.04  # 2 * 1.96 * 0.2 / 2 / sqrt(200)
     assert ratio_interval(2.0 * bottom, bottom) == pytest.approx((2.0, 2.0, 2.0))
-    with pytest.raises(ValueError, match="numerators, denominators"):
-        ratio_interval(np.array([np.nan]), np.array([1.0]))
+    # Resamples of the zero alone have no ratio.
+    assert ratio_interval(np.array([0.0, 1.0]), np.array([0.0, 2.0])) == (0.5, 0.5, 0.5)
+    for top, bottom in (([np.nan], [1.0]), ([], []), ([1.0, 1.0], [1.0, -1.0])):
+        with pytest.raises(ValueError, match="numerators, denominators"):
+            ratio_interval(np.array(top), np.array(bottom))
