@@ -80,11 +80,11 @@ def _shared_plan(
     scene: Scene, ego: int, info: Mapping[str, Any], gammas: dict[int, tuple[float, float]]
 ) -> Decision | None:
     """Return the ego's part of the plan that the others follow; None where they have no plan."""
-    states, controls = info.get("plan_states"), info.get("plan_controls")
-    if states is None or controls is None or np.isnan(controls[:, 0]).any():
+    stages = info.get("plan_stages", 0)
+    if not stages:
         return None
+    states, controls = info["plan_states"], info["plan_controls"]
     action = within_limits(scene.game, ego, controls[ego, 0]).astype(np.float32)
-    stages = int((~np.isnan(controls[ego, :, 0])).sum())
     paths = states[:, 1 : stages + 1, :2]
     predicted = {j: paths[j] for j in range(scene.players) if j != ego}
     return Decision(action, paths[ego], predicted, gammas)

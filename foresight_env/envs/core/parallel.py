@@ -213,16 +213,16 @@ class WorldParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
             observations[agent] = np.clip(whole, space.low, space.high)
         return observations
 
-    def _plan_of_others(self, episode: Episode) -> JointPlan:
-        """First stages of the plan that the others follow in the next step.
+    def _plan_of_others(self, episode: Episode) -> tuple[JointPlan, int]:
+        """Plan that the others follow in the next step, and how many stages it has.
 
-        Always as long as the planning horizon, so that environments can stand side by side; NaN
-        beyond the plan's end, and where there is no plan or no next step.
+        As long as the planning horizon, so that environments can stand side by side: zero beyond
+        the plan's stages, of which there are none without a plan or a next step.
         """
-        horizon, size = self._scene.game.horizon, episode.states.shape[1]
+        horizon, stages = self._scene.game.horizon, 0
         shown = JointPlan(
-            np.full((len(episode.states), horizon + 1, size), np.nan),
-            np.full((len(episode.controls), horizon, episode.controls.shape[1]), np.nan),
+            np.zeros((len(episode.states), horizon + 1, episode.states.shape[1])),
+            np.zeros((len(episode.controls), horizon, episode.controls.shape[1])),
         )
         if self._behaviour is not None and self.agents:
             plan = self._behaviour.plan(episode.states.copy())
@@ -230,11 +230,11 @@ class WorldParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
                 stages = min(horizon, plan.controls.shape[1])
                 shown.states[:, : stages + 1] = plan.states[:, : stages + 1]
                 shown.controls[:, :stages] = plan.controls[:, :stages]
-        return shown
+        return shown, stages
 
     def _infos(self, episode: Episode) -> dict[str, Info]:
         report = SolverReport() if self._behaviour is None else self._behaviour.report
-        plan = self._plan_of_others(episode)
+        plan, stages = self._plan_of_others(episode)
         theta = stacked(episode.episode_parameters.theta)
         return {
             agent: {
@@ -252,6 +252,7 @@ class WorldParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
                 ),
                 "plan_states": plan.states.copy(),
                 "plan_controls": plan.controls.copy(),
+                "plan_stages": stages,
                 "solver_status": int(report.status),
                 "solver_residual": float(report.residual),
                 "solver_failures": int(report.failures),

@@ -161,7 +161,7 @@ def test_only_the_oracle_looks_at_the_truth(name):
 
 def alone(info):
     """An `info` of others that make no joint plan."""
-    return {**info, "plan_states": None, "plan_controls": None}
+    return {**info, "plan_stages": 0}
 
 
 def test_the_oracle_plays_its_part_of_the_plan_that_the_others_follow():
