@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
@@ -135,9 +136,9 @@ def value_figure(
             good = list(episodes_of(rows, setting, ego).values())
             if not good:
                 continue
-            colour, label = colour_of(ego), label_of(ego) if k == 0 else None
+            colour = colour_of(ego)
             share_harmed = 100.0 * sum(map(harmed, good)) / len(good)
-            harm.barh(place, share_harmed, 0.9 * height, color=colour, label=label)
+            harm.barh(place, share_harmed, 0.9 * height, color=colour)
             found = compare(rows, setting, ego)
             if ego == BASELINE or found is None or found.cost is None or not found.cost.mean:
                 continue
@@ -152,5 +153,6 @@ def value_figure(
     saved.set_xlabel(f"cost saved against {BASELINE} [%], 95 %,\nwhere neither is harmed")
     harm.set_xlabel("episodes with a collision or off the road [%]")
     harm.set_xlim(0.0, max(10.0, harm.get_xlim()[1]))
-    figure.legend(fontsize=8, loc="outside upper center", ncols=len(shown) + 1)
+    names = [Patch(color=colour_of(ego), label=label_of(ego)) for ego in (BASELINE, *shown)]
+    figure.legend(handles=names, fontsize=8, loc="outside upper center", ncols=len(names))
     return save(figure, path)
