@@ -36,7 +36,7 @@ EGOS: dict[str, Callable[[], EgoPolicy[Any]]] = {
 REFERENCE_EGOS: dict[str, Callable[[], EgoPolicy[Any]]] = {
     "know-gamma": _entry("egos.infer_gamma", "know_gamma"),
 }
-"""Egos that see a part of the truth, to measure what it is worth; the oracle sees all."""
+"""Egos that see a part of the truth, to measure its value; the oracle sees all."""
 ROAD_EGOS: dict[str, Callable[[], EgoPolicy[Any]]] = {"idm": _entry("egos.idm", "Idm")}
 """Egos that drive along paths only."""
 REACTIVE_EGOS: dict[str, Callable[[], EgoPolicy[Any]]] = {

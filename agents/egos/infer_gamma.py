@@ -2,8 +2,8 @@
 
 With `infer_gamma=False` it is the baseline `assume-gamma-1`, with the others' discount factors
 fixed at 1: the same estimator, observations and planner. With `true_gamma=True` it is the reference
-`know-gamma`, with them fixed at their true values: what it gains over `assume-gamma-1` is what
-knowing the discount factors, and nothing else, is worth to this ego.
+`know-gamma`, with them fixed at their true values: its gain over `assume-gamma-1` is the value
+of knowing the discount factors, and nothing else, to this ego.
 """
 
 from __future__ import annotations

@@ -63,7 +63,7 @@ from foresight_env.inverse import Profile
 DEMO_SETTING = "crowd-3-far"
 """Where knowing the others' foresight is worth much (docs/measurements.md)."""
 DEMO_SEEDS = range(6)
-DEMO_TOLD = (
+DEMO_INTRODUCTION = (
     "An ego (gamma 0.95) crosses the way of two others, whose discount factors it does not know: "
     "between 0.7 and 1. The oracle knows them and plays the others' own equilibrium; infer-gamma "
     "infers them from noisy observations; assume-gamma-1 takes them for 1."
@@ -297,8 +297,8 @@ def demonstrate(data: Path | None, workers: Workers, out: Path) -> None:
         encounters(data, count=2)  # a bad file is reported at once, not after two minutes
     # The study comes first: its processes compile side by side what the later parts need.
     setting = SETTINGS[DEMO_SETTING]
-    console.rule("1. What is it worth to know the others' foresight? Four egos, the same crossings")
-    console.print(DEMO_TOLD)
+    console.rule("1. The value of knowing the others' foresight: four egos, the same crossings")
+    console.print(DEMO_INTRODUCTION)
     egos = ("oracle", "infer-gamma", "assume-gamma-1", "constant-velocity")
     # What an earlier version left there would hide what this one does: the demo starts afresh.
     rows = value.study(

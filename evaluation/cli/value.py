@@ -50,7 +50,7 @@ def value(
     cluster: ClusterOption = None,
     out: OutOption = Path("results/value"),
 ) -> None:
-    """What knowing the others' foresight is worth, and how much of it each ego gets.
+    """Value of knowing the others' foresight, and how much of it each ego gets.
 
     The value of information is what the ego that assumes gamma = 1 loses to an upper bound, in
     cost, time and collisions, on the same seeds. Interrupted studies are resumed. With the

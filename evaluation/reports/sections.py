@@ -213,7 +213,7 @@ def _value(results: Results, notes: Console) -> Section:
     bound = next(name for name in (CLAIRVOYANT, "know-gamma", "oracle") if name in present)
     egos = tuple(ego for ego in present if ego != CLAIRVOYANT)
     print_value(notes, rows, settings, egos, bound)
-    found = Section("What knowing the others' foresight is worth", results)
+    found = Section("Value of knowing the others' foresight", results)
     found.figures["value"] = (
         lambda path: value_figure(rows, settings, present, path),
         "Cost saved against the ego that assumes gamma = 1, and episodes with harm",

@@ -8,8 +8,8 @@ firmer or a more cautious ego. Every candidate is simulated among the others as 
 (`rollout.simulation`), and the best is kept. So its score is never worse than that of any ego whose
 actions it was given, and its cost is undiscounted, as episodes are scored.
 
-What it gains over an ego is more than knowing discount factors is worth: it has exact states and
-knows how others react. The ego `know-gamma` says how much discount factors alone are worth.
+It gains more than the value of knowing discount factors: it has exact states and knows how others
+react. The ego `know-gamma` measures the value of discount factors alone.
 """
 
 from __future__ import annotations

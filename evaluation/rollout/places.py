@@ -1,6 +1,6 @@
 """Closed-loop settings by name: the published places, and those where foresight may pay.
 
-`foresight value` measures what knowing the others' discount factors is worth in each
+`foresight value` measures the value of knowing the others' discount factors in each
 (docs/measurements.md). Settings were chosen on `DEVELOPMENT_SEEDS`; numbers on `TEST_SEEDS` are of
 one run per version.
 """

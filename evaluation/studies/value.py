@@ -1,4 +1,4 @@
-"""What knowing the others is worth: egos and an upper bound on the same episodes, per setting.
+"""Value of information: egos and an upper bound on the same episodes, per setting.
 
 The value of information of a setting is what the baseline `assume-gamma-1` loses to the bound. A
 setting in which it is nothing cannot show that anything is gained by inferring.

@@ -327,7 +327,7 @@ def test_information_has_the_plan_that_the_others_follow_next(behaviour):
         plan, before = info["plan_controls"], info["plan_states"]
         assert info["plan_stages"] == 6
         np.testing.assert_allclose(before[:, 0], info["state"], atol=1e-6)
-        # Whoever plays its part of it moves all agents as planned.
+        # An ego that plays its part of it moves all agents as planned.
         info = env.step({EGO: plan[0, 0].astype(np.float32).clip(-10, 10)})[4][EGO]
         np.testing.assert_allclose(info["controls"], plan[:, 0], atol=1e-6)
         np.testing.assert_allclose(info["state"], before[:, 1], atol=1e-6)

@@ -112,7 +112,7 @@ def test_a_figure_and_a_report_of_rows(tmp_path):
         assert image.width > 1000
     Store(tmp_path / "rows", "value of information", {}, KEY).append(rows)
     text = write_report(tmp_path, episodes=0).read_text()
-    assert "the others&#39; foresight is worth" in text
+    assert "Value of knowing the others&#39; foresight" in text
     assert "harmed 6 -&gt; 0" in text
     assert (tmp_path / "figures" / "rows_value.pdf").exists()
 
