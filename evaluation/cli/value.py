@@ -54,7 +54,7 @@ def value(
 
     The value of information is what the ego that assumes gamma = 1 loses to an upper bound, in
     cost, time and collisions, on the same seeds. Interrupted studies are resumed. With the
-    clairvoyant, ten seeds of a setting take two to five minutes on two cores.
+    clairvoyant, ten seeds of a crowd take one to three minutes on one core.
     """
     from evaluation.rollout.places import DEVELOPMENT_SEEDS, SETTINGS, TEST_SEEDS
 
