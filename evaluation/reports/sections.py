@@ -36,6 +36,7 @@ from evaluation.rollout.places import SETTINGS
 from evaluation.rollout.setting import RunSetting
 from evaluation.studies.benchmark import Plan
 from evaluation.studies.closed_loop import summarise
+from evaluation.studies.value import BASELINE
 from evaluation.studies.value_summary import harmed
 from evaluation.windows.table import with_windows
 
@@ -210,7 +211,8 @@ def _driving(results: Results, notes: Console) -> Section:
 def _value(results: Results, notes: Console) -> Section:
     rows = results.rows
     settings, present = _names(rows, "setting"), _names(rows, "ego")
-    bound = next(name for name in (CLAIRVOYANT, "know-gamma", "oracle") if name in present)
+    bounds = (CLAIRVOYANT, "know-gamma", "oracle")
+    bound = next((name for name in bounds if name in present), BASELINE)
     egos = tuple(ego for ego in present if ego != CLAIRVOYANT)
     print_value(notes, rows, settings, egos, bound)
     found = Section("Value of knowing the others' foresight", results)

@@ -115,6 +115,9 @@ def test_a_figure_and_a_report_of_rows(tmp_path):
     assert "Value of knowing the others&#39; foresight" in text
     assert "harmed 6 -&gt; 0" in text
     assert (tmp_path / "figures" / "rows_value.pdf").exists()
+    # An interrupted study may have the baseline alone.
+    Store(tmp_path / "begun", "value of information", {}, KEY).append(rows[:10])
+    assert "harmed 6 -&gt; 6" in write_report(tmp_path / "begun", episodes=0).read_text()
 
 
 @pytest.fixture
