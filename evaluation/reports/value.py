@@ -39,30 +39,28 @@ def print_value(
 ) -> None:
     """Value of information per setting, and the share of it that each ego closes."""
     compared = {setting: compare(rows, setting, bound) for setting in settings}
-    table = Table(
-        title=f"Value of information: what {BASELINE} loses to {bound}, and the share that each "
-        "ego closes (95 %)"
-    )
-    table.add_column("setting")
-    table.add_column("value of information", no_wrap=True)
+    table = Table(title=f"Value of information: what {BASELINE} loses to {bound} (95 %)")
+    table.add_column("setting", no_wrap=True)
+    table.add_column("value", no_wrap=True)
     others = [ego for ego in egos if ego not in (BASELINE, bound)]
     for ego in others:
-        table.add_column(escape(heading_of(ego, console.width)), justify="right")
+        name = heading_of(ego, console.width)
+        table.add_column(escape(f"share that\n{name}\ncloses"), justify="right")
     for setting, found in compared.items():
         if found is None:
-            table.add_row(setting, "no episode finished")
+            table.add_row(setting, "no episode finished", end_section=True)
             continue
         shares = [share(rows, setting, ego, bound) for ego in others]
-        table.add_row(
-            f"{setting}, n {found.seeds}", _cost(found), *(_cost_share(part) for part in shares)
-        )
-        table.add_row("", _harm(found), *(_harm_share(part) for part in shares))
-        table.add_row("", f"time to goal {_interval(found.time)} s", end_section=True)
+        table.add_row(f"{setting}, n {found.seeds}")
+        table.add_row(f"  cost, n {found.unharmed}", _cost(found), *map(_cost_share, shares))
+        table.add_row("  harmed", _harm(found), *map(_harm_share, shares))
+        table.add_row("  time to goal, s", _interval(found.time), end_section=True)
     console.print(table)
     _print_episodes(console, rows, settings, (*egos, *([] if bound in egos else [bound])))
     console.print(
-        "cost: where neither of the compared egos is harmed. harmed: collided or left the road; p: "
-        "McNemar's exact test. A share is given where the gap is significant."
+        f"cost: where neither of the compared egos is harmed, also in % of {BASELINE}'s. harmed: "
+        f"collided or left the road, {BASELINE} -> {bound}; p: McNemar's exact test. A share is "
+        "given where the gap is significant."
     )
     if errors := errors_of(rows):
         console.print(f"[red]{escape(failed(errors))}[/red]")
@@ -74,14 +72,13 @@ def _interval(found: Interval, digits: int = 2) -> str:
 
 def _cost(found: Compared) -> str:
     if found.cost is None:
-        return "cost: one of the two is always harmed"
-    part = f"{100.0 * found.relative_cost:.0f} % of {BASELINE}'s"
-    return f"cost {_interval(found.cost)}, {part} (n {found.unharmed})"
+        return "one of the two is always harmed"
+    return f"{_interval(found.cost)}, {100.0 * found.relative_cost:.0f} %"
 
 
 def _harm(found: Compared) -> str:
     first, second = found.harmed
-    return f"harmed {first} -> {second}, p {found.p_value:.2g}"
+    return f"{first} -> {second}, p {found.p_value:.2g}"
 
 
 def _cost_share(found: Share) -> str:
@@ -99,27 +96,29 @@ def _print_episodes(
     console: Console, rows: Sequence[Row], settings: Sequence[str], egos: Sequence[str]
 ) -> None:
     """How each ego's episodes went: harm, smallest gap, cost where unharmed, time to the goal."""
-    table = Table(title="Episodes: harmed; cost where unharmed; time to goal (means ±95 %)")
-    table.add_column("setting")
+    table = Table(title="Episodes (means ±95 %)")
+    table.add_column("setting", no_wrap=True)
     for ego in egos:
         table.add_column(escape(heading_of(ego, console.width)), justify="right")
     for setting in settings:
         own = [list(episodes_of(rows, setting, ego).values()) for ego in egos]
         if not all(own):
             continue
-        table.add_row(setting, *(f"{sum(map(harmed, good))} of {len(good)}" for good in own))
-        table.add_row("", *(_mean([r["cost"] for r in good if not harmed(r)]) for good in own))
-        table.add_row("", *(_mean([time_to_goal(r) for r in good], " s") for good in own))
-        table.add_section()
+        table.add_row(setting)
+        table.add_row("  harmed", *(f"{sum(map(harmed, good))} of {len(good)}" for good in own))
+        costs = [[r["cost"] for r in good if not harmed(r)] for good in own]
+        table.add_row("  cost, unharmed", *map(_mean, costs))
+        times = [[time_to_goal(r) for r in good] for good in own]
+        table.add_row("  time to goal, s", *map(_mean, times), end_section=True)
     console.print(table)
 
 
-def _mean(values: Sequence[float], unit: str = "") -> str:
+def _mean(values: Sequence[float]) -> str:
     if not values:
         return "-"
     found = mean_interval(np.array(values))
     half = max(found.high - found.mean, found.mean - found.low)
-    return f"{found.mean:.2f} ±{half:.2f}{unit}"
+    return f"{found.mean:.2f} ±{half:.2f}"
 
 
 def value_figure(
