@@ -41,7 +41,7 @@ def print_value(
     compared = {setting: compare(rows, setting, bound) for setting in settings}
     table = Table(title=f"Value of information: what {BASELINE} loses to {bound} (95 %)")
     table.add_column("setting", no_wrap=True)
-    table.add_column("value", no_wrap=True)
+    table.add_column("value of information", no_wrap=True)
     others = [ego for ego in egos if ego not in (BASELINE, bound)]
     for ego in others:
         name = heading_of(ego, console.width)
