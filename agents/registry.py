@@ -33,6 +33,10 @@ EGOS: dict[str, Callable[[], EgoPolicy[Any]]] = {
     "constant-velocity": _entry("egos.predict_then_plan", "constant_velocity"),
 }
 """Egos of every scenario."""
+REFERENCE_EGOS: dict[str, Callable[[], EgoPolicy[Any]]] = {
+    "know-gamma": _entry("egos.infer_gamma", "know_gamma"),
+}
+"""Egos that see a part of the truth, to measure its value; the oracle sees all."""
 ROAD_EGOS: dict[str, Callable[[], EgoPolicy[Any]]] = {"idm": _entry("egos.idm", "Idm")}
 """Egos that drive along paths only."""
 REACTIVE_EGOS: dict[str, Callable[[], EgoPolicy[Any]]] = {
@@ -41,7 +45,7 @@ REACTIVE_EGOS: dict[str, Callable[[], EgoPolicy[Any]]] = {
 """Networks that act without planning, at the crosswalk only."""
 DRIVING_EGOS = {**EGOS, **ROAD_EGOS}
 CROSSWALK_EGOS = {**EGOS, **REACTIVE_EGOS}
-ALL_EGOS = {**EGOS, **ROAD_EGOS, **REACTIVE_EGOS}
+ALL_EGOS = {**EGOS, **REFERENCE_EGOS, **ROAD_EGOS, **REACTIVE_EGOS}
 
 FORECASTERS = ("social-lstm", "transformer")
 """Networks that predict."""

@@ -1,7 +1,9 @@
 """The ego `infer-gamma`: infers the others' goals and discount factors, and plans with them.
 
 With `infer_gamma=False` it is the baseline `assume-gamma-1`, with the others' discount factors
-fixed at 1: the same estimator, observations and planner.
+fixed at 1: the same estimator, observations and planner. With `true_gamma=True` it is the reference
+`know-gamma`, with them fixed at their true values: its gain over `assume-gamma-1` is the value
+of knowing the discount factors, and nothing else, to this ego.
 """
 
 from __future__ import annotations
@@ -58,6 +60,9 @@ class InferGamma:
 
     name: str = "infer-gamma"
     infer_gamma: bool = True
+    true_gamma: bool = False
+    """Whether the others' discount factors are taken from the environment's information; needs
+    `infer_gamma=False`."""
     window: int = 10
     """Observations that each estimate uses."""
     forgetting_factor: float = 1.5
@@ -71,6 +76,12 @@ class InferGamma:
     """Stages after the window in the estimated game; None: three fifths of the planning horizon."""
     prior: Prior = Prior(gamma_weight=4.0, gamma_center=1.0)
     """Of discount factors: weak, 1 +- 0.5. Of `theta`: `scene.opponent_prior` unless given here."""
+
+    def __post_init__(self) -> None:
+        if self.infer_gamma and self.true_gamma:
+            raise ValueError(
+                "true_gamma: is True with infer_gamma=True; discount factors are inferred or known"
+            )
 
     def init(self, scene: Scene, agent: str | int) -> InferGammaMemory:
         """See `EgoPolicy`."""
@@ -119,6 +130,8 @@ class InferGamma:
         guessed = self._guess(early.perception, recent[-self.window :])
         if state is None:
             gamma = np.full(scene.players, 0.8 if self.infer_gamma else 1.0)
+            if self.true_gamma:
+                gamma = np.array(_true_gamma(info), dtype=float)
             gamma[memory.ego] = scene.own(memory.ego).gamma
             state = memory.estimator.init(guessed, gamma)
         else:
@@ -210,6 +223,18 @@ def _future(
         np.concatenate([u[state.stage :], np.zeros((horizon, u.shape[1]))])[:horizon]
         for u in found.solution.controls
     ]
+
+
+def _true_gamma(info: Mapping[str, Any]) -> Float[np.ndarray, "N"]:
+    if info.get("gamma") is None:
+        raise ValueError("info: holds no 'gamma'; know-gamma needs the environment's information")
+    found: Float[np.ndarray, "N"] = info["gamma"]
+    return found
+
+
+def know_gamma() -> InferGamma:
+    """Return the reference ego `know-gamma`, which sees the others' true discount factors."""
+    return InferGamma("know-gamma", infer_gamma=False, true_gamma=True)
 
 
 def assume_gamma_1() -> InferGamma:

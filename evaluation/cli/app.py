@@ -1,4 +1,4 @@
-"""The command `foresight`: run, evaluate, benchmark, report, generate, train, estimate, demo."""
+"""The command `foresight`."""
 
 from __future__ import annotations
 
@@ -22,6 +22,7 @@ from evaluation.cli.options import (
     make_all,
     plain_errors,
 )
+from evaluation.cli.value import value
 from foresight_env.names import (
     SCENE_NAMES,
     DrivingBehaviour,
@@ -64,6 +65,7 @@ def root(
 
 
 app.add_typer(evaluate, name="evaluate")
+app.command("value")(value)
 app.command("benchmark")(benchmark)
 app.command("generate")(generate)
 app.command("train")(train)

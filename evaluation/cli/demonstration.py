@@ -40,13 +40,15 @@ from evaluation.reports.tables import (
     told_gamma,
 )
 from evaluation.reports.terminal import terminal
+from evaluation.reports.value import print_value, value_figure
 from evaluation.rollout.endings import ending
 from evaluation.rollout.episode import episode, inferred
+from evaluation.rollout.places import SETTINGS
 from evaluation.rollout.setting import RunSetting
 from evaluation.samples import junction as junction_sample
 from evaluation.samples.junction import write_junction_sample
 from evaluation.samples.recording import true_gammas, write_sample
-from evaluation.studies import closed_loop, estimation, prediction
+from evaluation.studies import closed_loop, estimation, prediction, value
 from evaluation.studies import driving as driving_study
 from evaluation.studies import intersection as intersection_study
 from evaluation.studies.closed_loop import ClosedLoop, summarise
@@ -58,6 +60,14 @@ from evaluation.windows.encounters import PREDICTORS, encounters, forecast
 from evaluation.windows.intersection import Choice, contradictions, load
 from foresight_env.inverse import Profile
 
+DEMO_SETTING = "crowd-3-far"
+"""Where knowing the others' foresight is worth much (docs/measurements.md)."""
+DEMO_SEEDS = range(6)
+DEMO_INTRODUCTION = (
+    "An ego (gamma 0.95) crosses the way of two others, whose discount factors it does not know: "
+    "between 0.7 and 1. The oracle knows them and plays the others' own equilibrium; infer-gamma "
+    "infers them from noisy observations; assume-gamma-1 takes them for 1."
+)
 TRIAL_STD = 0.05
 """Noise of the representative trial, m and m/s."""
 
@@ -286,14 +296,19 @@ def demonstrate(data: Path | None, workers: Workers, out: Path) -> None:
     if data is not None:
         encounters(data, count=2)  # a bad file is reported at once, not after two minutes
     # The study comes first: its processes compile side by side what the later parts need.
-    console.rule("1. Does foresight help? Four egos, the same crossings")
+    setting = SETTINGS[DEMO_SETTING]
+    console.rule("1. The value of knowing the others' foresight: four egos, the same crossings")
+    console.print(DEMO_INTRODUCTION)
     egos = ("oracle", "infer-gamma", "assume-gamma-1", "constant-velocity")
     # What an earlier version left there would hide what this one does: the demo starts afresh.
-    rows = closed_loop.study(out / "closed_loop", egos, range(4), workers=workers, fresh=True)
-    print_closed_loop(console, [summarise(rows, e) for e in egos], rows)
-    _tell(console, closed_loop_summary(rows, egos, out / "closed_loop.png"))
-    console.rule("2. One of them: the ego infers the other's foresight while it walks")
-    _draw(console, "infer-gamma", 0, RunSetting(noise_std=ClosedLoop().noise_std), out / "episode")
+    rows = value.study(
+        out / "value", (DEMO_SETTING,), egos, DEMO_SEEDS, workers=workers, clairvoyant=False,
+        fresh=True,
+    )  # fmt: skip
+    print_value(console, rows, (DEMO_SETTING,), egos, "oracle")
+    _tell(console, value_figure(rows, (DEMO_SETTING,), egos, out / "value.png"))
+    console.rule("2. One of them: the ego infers the others' foresight while it walks")
+    _draw(console, "infer-gamma", DEMO_SEEDS[0], setting, out / "episode")
     console.rule("3. How well can foresight be inferred? Error against noise")
     # In this process: compiling takes longer than these few fits, and the next picture needs it.
     rows = estimation.study(out / "estimation", 3, 3, observations=("full",), workers=0, fresh=True)

@@ -78,3 +78,36 @@ def mean_interval(values: Float[np.ndarray, "n"], *, seed: int = 0) -> Interval:
         (data,), np.mean, n_resamples=2000, method="percentile", rng=np.random.default_rng(seed)
     ).confidence_interval
     return Interval(mean, float(found.low), float(found.high))
+
+
+def ratio_interval(
+    numerators: Float[np.ndarray, "n"], denominators: Float[np.ndarray, "n"], *, seed: int = 0
+) -> Interval:
+    """Ratio of two means of paired values, with a percentile bootstrap interval over the pairs.
+
+    Davison and Hinkley, "Bootstrap Methods and their Application" (1997), section 2.4. Use it where
+    the denominators' mean is surely not 0; resamples in which it is 0 are left out.
+    """
+    top, bottom = np.asarray(numerators, dtype=float), np.asarray(denominators, dtype=float)
+    finite = np.isfinite(top).all() and np.isfinite(bottom).all()
+    if not finite or top.size == 0 or bottom.sum() == 0.0:
+        raise ValueError(
+            "numerators, denominators: expected finite pairs, at least one, and denominators whose "
+            "mean is not 0"
+        )
+    drawn = np.random.default_rng(seed).integers(0, top.size, (2000, top.size))
+    sums = bottom[drawn].sum(axis=1)
+    ratios = top[drawn].sum(axis=1)[sums != 0.0] / sums[sums != 0.0]
+    low, high = np.percentile(ratios, [2.5, 97.5])
+    return Interval(float(top.sum() / bottom.sum()), float(low), float(high))
+
+
+def exact_mcnemar(first: Bool[np.ndarray, "n"], second: Bool[np.ndarray, "n"]) -> float:
+    """Two-sided p-value that an event is as likely in both of two paired samples.
+
+    Pairs in which it happened once alone count, by the binomial distribution (McNemar 1947; Fay,
+    "Two-sided exact tests and matching confidence intervals for discrete data", 2010). 1 without
+    such pairs.
+    """
+    once = int(np.sum(first & ~second)), int(np.sum(second & ~first))
+    return float(binomtest(once[0], sum(once)).pvalue) if sum(once) else 1.0

@@ -26,6 +26,8 @@ COLOURS = {
     "constant-velocity": "#009E73",
     "constant-turn-rate": "#56B4E9",
     "oracle": "#CC79A7",
+    "know-gamma": "#56B4E9",
+    "clairvoyant": "#000000",
     "idm": "#E69F00",
     "constant-acceleration": "#6699CC",
     "kalman": "#44AA99",

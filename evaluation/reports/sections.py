@@ -29,10 +29,15 @@ from evaluation.reports.intersection import (
 from evaluation.reports.naming import OTHERS, label_of
 from evaluation.reports.prediction import error_over_time, print_prediction
 from evaluation.reports.tables import print_closed_loop, print_estimation
+from evaluation.reports.value import print_value, value_figure
+from evaluation.rollout.clairvoyant import CLAIRVOYANT
 from evaluation.rollout.endings import COLLISION
+from evaluation.rollout.places import SETTINGS
 from evaluation.rollout.setting import RunSetting
 from evaluation.studies.benchmark import Plan
 from evaluation.studies.closed_loop import summarise
+from evaluation.studies.value import BASELINE
+from evaluation.studies.value_summary import harmed
 from evaluation.windows.table import with_windows
 
 Draw = Callable[[Path], Path]
@@ -111,6 +116,7 @@ def section(results: Results, notes: Console) -> Section:
         "intersection": _intersection,
         "closed loop": _closed_loop,
         "driving": _driving,
+        "value of information": _value,
         "prediction": _prediction,
         "benchmark, open loop": _open_benchmark,
         "benchmark, closed loop": _closed_benchmark,
@@ -199,6 +205,28 @@ def _driving(results: Results, notes: Console) -> Section:
             title = where[0].upper() + where[1:]
             chosen = _chosen(mine, lambda r: r["ended"] == COLLISION, most=1)
             found.episodes += [Watched(r["ego"], r["seed"], setting, title, w) for r, w in chosen]
+    return found
+
+
+def _value(results: Results, notes: Console) -> Section:
+    rows = results.rows
+    settings, present = _names(rows, "setting"), _names(rows, "ego")
+    bounds = (CLAIRVOYANT, "know-gamma", "oracle")
+    bound = next((name for name in bounds if name in present), BASELINE)
+    egos = tuple(ego for ego in present if ego != CLAIRVOYANT)
+    print_value(notes, rows, settings, egos, bound)
+    found = Section("Value of knowing the others' foresight", results)
+    found.figures["value"] = (
+        lambda path: value_figure(rows, settings, present, path),
+        "Cost saved against the ego that assumes gamma = 1, and episodes with harm",
+    )
+    for setting in settings:
+        mine = [r for r in rows if r["setting"] == setting and r["ego"] != CLAIRVOYANT]
+        title = setting.replace("_", " ")
+        found.episodes += [
+            Watched(r["ego"], r["seed"], SETTINGS[setting], title, why)
+            for r, why in _chosen(mine, harmed, most=2)
+        ]
     return found
 
 

@@ -62,8 +62,8 @@ def print_closed_loop(console: Console, summaries: Sequence[Summary], rows: Sequ
     names = [s.ego for s in summaries]
     if "oracle" in names:
         console.print(
-            "The oracle knows every parameter, but not which of several equilibria the others "
-            "play: those who watch them may do better."
+            "The oracle plays the others' own equilibrium; a best response to them may do better "
+            "(foresight value)."
         )
     if "infer-gamma" not in names:
         return

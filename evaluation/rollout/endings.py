@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 COLLISION, OFF_ROAD, REACHED, TIME_OUT = "collision", "off road", "goal reached", "time-out"
+HARM = (COLLISION, OFF_ROAD)
 
 
 def ending(info: Mapping[str, Any]) -> str:

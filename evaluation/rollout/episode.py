@@ -19,7 +19,7 @@ from evaluation.execution.compilation import until_forgotten
 from evaluation.rollout.setting import EGO_GAMMA, OTHERS_GAMMA, RunSetting
 from foresight_env.envs.core.scene import Scene, observation_order
 
-KNOWING = ("oracle", "assume-gamma-1")
+KNOWING = ("oracle", "know-gamma", "assume-gamma-1")
 """Egos that know or assume the discount factors in their decisions; others infer them."""
 WARM_UP_STEPS = 13
 """Steps after which every program that an ego needs has been compiled: the window slides."""
@@ -88,6 +88,19 @@ def inferred(ego: str, decision: Decision) -> dict[int, tuple[float, float]]:
     return {} if ego in KNOWING else dict(decision.gammas)
 
 
+def begin_episode(
+    env: Any, seed: int, gammas: tuple[float, float]
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Reset `env` to an episode's first instant; returns its observations and information.
+
+    The ego's discount factor is `EGO_GAMMA`, the others' are drawn uniformly between `gammas`.
+    """
+    hidden = np.random.default_rng([seed, 1]).uniform(*gammas, env.scene.players)
+    hidden[env.scene.controlled[0]] = EGO_GAMMA
+    found: tuple[dict[str, Any], dict[str, Any]] = env.reset(seed=seed, options={"gamma": hidden})
+    return found
+
+
 def episode(
     env: Any, ego: str, seed: int, gammas: tuple[float, float] = OTHERS_GAMMA
 ) -> Iterator[Step]:
@@ -96,10 +109,7 @@ def episode(
     The ego is the one agent that `env` leaves to be controlled.
     """
     policy = make_ego(ego)
-    players = env.scene.players
-    hidden = np.random.default_rng([seed, 1]).uniform(*gammas, players)
-    hidden[env.scene.controlled[0]] = EGO_GAMMA
-    observations, infos = env.reset(seed=seed, options={"gamma": hidden})
+    observations, infos = begin_episode(env, seed, gammas)
     agent = env.agents[0]
     memory = policy.init(env.scene, agent)
     while env.agents:

@@ -11,6 +11,8 @@ from jaxtyping import Float
 
 from foresight_env.envs import crosswalk_v0, driving_v0, intersection_v0
 from foresight_env.highway.ranges import DrivingRanges
+from foresight_env.highway.scenes import SCENES
+from foresight_env.scenarios.driving import DT as DRIVING_STEP
 
 EGO_GAMMA = 0.95
 """The ego's own discount factor: a robot that looks ahead."""
@@ -35,16 +37,26 @@ class RunSetting:
     noise_std: float | None = None
     """None: the scenario's."""
     behaviour: str = "receding"
+    others_gamma: tuple[float, float] | None = None
+    """Range of the others' discount factors; None: the scenario's."""
+    planning_horizon: int | None = None
+    """Stages of everybody's plans; None: the scenario's."""
+    step: float | None = None
+    """Duration of a step in driving, s; None: the scenario's. Episodes last as long."""
 
     def __post_init__(self) -> None:
         if self.behaviour == "idm" and self.scenario != "driving":
             raise ValueError("--behaviour: idm drives cars of the scenario driving only")
+        if self.step is not None and self.scenario != "driving":
+            raise ValueError(f"step: is {self.step}; only steps of the scenario driving can differ")
         if self.scenario == "intersection" and self.players is not None:
             raise ValueError("--players: the intersection has two pedestrians and two cars")
 
     @property
     def gammas(self) -> tuple[float, float]:
         """Between which the others' discount factors lie."""
+        if self.others_gamma is not None:
+            return self.others_gamma
         return DrivingRanges().gamma if self.scenario == "driving" else OTHERS_GAMMA
 
     def true_gammas(self, info: Mapping[str, Any]) -> Float[np.ndarray, "N"]:
@@ -71,11 +83,18 @@ class RunSetting:
         }
         if self.noise_std is not None:
             arguments["noise_std"] = self.noise_std
+        if self.planning_horizon is not None:
+            arguments["planning_horizon"] = self.planning_horizon
         if self.scenario == "intersection":
             return intersection_v0.parallel_env(**arguments)
         if self.scenario == "driving":
-            cars = {} if self.players is None else {"cars": self.players}
-            return driving_v0.parallel_env(scene=self.scene, **cars, **arguments)  # type: ignore[arg-type]
+            if self.players is not None:
+                arguments["cars"] = self.players
+            if self.step is not None:
+                arguments["policy_frequency"] = round(1.0 / self.step)
+                steps = SCENES[self.scene].max_steps * DRIVING_STEP / self.step
+                arguments["max_steps"] = round(steps)
+            return driving_v0.parallel_env(scene=self.scene, **arguments)  # type: ignore[arg-type]
         players = 2 if self.players is None else self.players
         return crosswalk_v0.parallel_env(
             players=players, controlled=(0,), max_steps=MAX_STEPS, **arguments

@@ -6,6 +6,7 @@ here are the *oracle*: they know every player's true parameters.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import NamedTuple, Protocol
 
@@ -30,6 +31,15 @@ class SolverReport(NamedTuple):
     """Scaled KKT residual of the latest solve; infinite when it is not a number."""
     failures: int = 0
     """Steps of this episode whose solve did not end with `Status.SOLVED`."""
+
+
+class JointPlan(NamedTuple):
+    """Plan of all players from the present state on."""
+
+    states: Float[np.ndarray, "N stages n"]
+    """The present state and those after stages 1..T."""
+    controls: Float[np.ndarray, "N T m"]
+    """Of stages 1..T."""
 
 
 class BehaviourSetting(NamedTuple):
@@ -61,6 +71,12 @@ class Behaviour(Protocol):
     def reset(self, episode_parameters: EpisodeParameters) -> None:
         """Begin an episode."""
 
+    def plan(self, states: Float[np.ndarray, "N n"]) -> JointPlan | None:
+        """Return the plan that the next `act`, at the same true `states`, follows; None: no plan.
+
+        Called at most once before each `act`. It does not change `report` or `planned`.
+        """
+
     def act(self, states: Float[np.ndarray, "N n"]) -> Float[np.ndarray, "N m"]:
         """Controls of all players at the true `states`; called once per step.
 
@@ -72,7 +88,15 @@ BehaviourFactory = Callable[[BehaviourSetting], Behaviour]
 """Makes a behaviour; a class with a constructor of this form is one."""
 
 
-class _Oracle:
+class _Next(NamedTuple):
+    """What the next `act` follows and reports, worked out ahead of it."""
+
+    states: Float[np.ndarray, "N n"]
+    solution: Solution | None
+    report: SolverReport
+
+
+class _Oracle(ABC):
     """What both oracles share: a game, an episode's parameters and a plan that may be missing."""
 
     def __init__(self, game: Game) -> None:
@@ -80,6 +104,7 @@ class _Oracle:
         self._episode: EpisodeParameters | None = None
         self._plan: Solution | None = None
         self._report = SolverReport()
+        self._next: _Next | None = None
 
     @property
     def report(self) -> SolverReport:
@@ -93,28 +118,49 @@ class _Oracle:
 
     def reset(self, episode_parameters: EpisodeParameters) -> None:
         self._episode, self._plan, self._report = episode_parameters, None, SolverReport()
+        self._next = None
+
+    def plan(self, states: Float[np.ndarray, "N n"]) -> JointPlan | None:
+        """Return the equilibrium, or what is left of an earlier one where the solve failed."""
+        self._next = self._following(states)
+        solution = self._next.solution
+        if solution is None:
+            return None
+        return JointPlan(
+            np.stack([np.array(x) for x in solution.states]),
+            np.stack([np.array(u) for u in solution.controls]),
+        )
+
+    def act(self, states: Float[np.ndarray, "N n"]) -> Float[np.ndarray, "N m"]:
+        """Controls of the first stage of the plan at `states`."""
+        following = self._next
+        if following is None or not np.array_equal(following.states, states):
+            following = self._following(states)
+        self._plan, self._report, self._next = following.solution, following.report, None
+        if self._plan is None:
+            return brake(self._game, states)
+        return np.stack([controls[0] for controls in self._plan.controls])
+
+    @abstractmethod
+    def _following(self, states: Float[np.ndarray, "N n"]) -> _Next:
+        """Return the plan from `states` on; changes nothing."""
 
     def _solve(
         self, states: Float[np.ndarray, "N n"], initial_guess: Solution | None
-    ) -> Solution | None:
-        """A solution; None when there was none to be found."""
+    ) -> tuple[Solution | None, SolverReport]:
+        """Return a solution, None where the solve failed, and the report with this solve."""
         if self._episode is None:
             raise RuntimeError("act: there is no episode; call reset first")
         _, theta, gamma = self._episode
         found = solve(self._game, states, theta, gamma, initial_guess=initial_guess)
         solved = int(found.status) == Status.SOLVED
         residual = float(found.residual)
-        self._report = SolverReport(
+        report = SolverReport(
             int(found.status),
             residual if np.isfinite(residual) else float("inf"),
             self._report.failures + (not solved),
         )
-        return found if solved else None
-
-    def _first_controls(self, states: Float[np.ndarray, "N n"]) -> Float[np.ndarray, "N m"]:
-        if self._plan is None:
-            return brake(self._game, states)
-        return np.stack([controls[0] for controls in self._plan.controls])
+        return (found if solved else None), report
 
 
 class Receding(_Oracle):
@@ -127,12 +173,10 @@ class Receding(_Oracle):
     def __init__(self, setting: BehaviourSetting) -> None:
         super().__init__(setting.game(setting.planning_horizon))
 
-    def act(self, states: Float[np.ndarray, "N n"]) -> Float[np.ndarray, "N m"]:
-        """Controls of the first stage of the plan made at `states`."""
+    def _following(self, states: Float[np.ndarray, "N n"]) -> _Next:
         shifted = None if self._plan is None else shift(self._plan)
-        found = self._solve(states, shifted)
-        self._plan = shifted if found is None else found
-        return self._first_controls(states)
+        found, report = self._solve(states, shifted)
+        return _Next(states.copy(), shifted if found is None else found, report)
 
 
 class OpenLoop(_Oracle):
@@ -144,13 +188,11 @@ class OpenLoop(_Oracle):
     def __init__(self, setting: BehaviourSetting) -> None:
         super().__init__(setting.game(setting.max_steps))
 
-    def act(self, states: Float[np.ndarray, "N n"]) -> Float[np.ndarray, "N m"]:
-        """Controls of this step's stage of the one plan."""
+    def _following(self, states: Float[np.ndarray, "N n"]) -> _Next:
         if self._report.status == NOTHING_SOLVED:
-            self._plan = self._solve(states, None)
-        elif self._plan is not None:
-            self._plan = shift(self._plan)
-        return self._first_controls(states)
+            return _Next(states.copy(), *self._solve(states, None))
+        shifted = None if self._plan is None else shift(self._plan)
+        return _Next(states.copy(), shifted, self._report)
 
 
 BEHAVIOURS: dict[str, BehaviourFactory] = {"receding": Receding, "open_loop": OpenLoop}

@@ -17,7 +17,7 @@ from pettingzoo import ParallelEnv
 
 from foresight_env.annotations import no_type_check
 from foresight_env.envs.core import checks
-from foresight_env.envs.core.behaviours import BehaviourSetting, SolverReport
+from foresight_env.envs.core.behaviours import BehaviourSetting, JointPlan, SolverReport
 from foresight_env.envs.core.episode import Episode
 from foresight_env.envs.core.motion import advance, applicable, observe
 from foresight_env.envs.core.scene import Own, Scene, observation_order
@@ -178,17 +178,16 @@ class WorldParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
         ended = bool(lost or episode.reached[indices].all())
         timed_out = not ended and episode.steps >= scene.max_steps
         live = self.agents
-        result = (
+        if ended or timed_out:
+            self.agents = []
+        self._show()
+        return (
             self._observations(episode),
             {agent: -float(costs[i]) for i, agent in zip(indices, live, strict=True)},
             dict.fromkeys(live, ended),
             dict.fromkeys(live, timed_out),
             self._infos(episode),
         )
-        if ended or timed_out:
-            self.agents = []
-        self._show()
-        return result
 
     def _uncontrolled(self, episode: Episode) -> Float[np.ndarray, "N m"]:
         """Controls of everybody by the behaviour; zeros when there is none."""
@@ -214,8 +213,28 @@ class WorldParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
             observations[agent] = np.clip(whole, space.low, space.high)
         return observations
 
+    def _plan_of_others(self, episode: Episode) -> tuple[JointPlan, int]:
+        """Plan that the others follow in the next step, and how many stages it has.
+
+        As long as the planning horizon, so that environments can stand side by side: zero beyond
+        the plan's stages, of which there are none without a plan or a next step.
+        """
+        horizon, stages = self._scene.game.horizon, 0
+        shown = JointPlan(
+            np.zeros((len(episode.states), horizon + 1, episode.states.shape[1])),
+            np.zeros((len(episode.controls), horizon, episode.controls.shape[1])),
+        )
+        if self._behaviour is not None and self.agents:
+            plan = self._behaviour.plan(episode.states.copy())
+            if plan is not None:
+                stages = min(horizon, plan.controls.shape[1])
+                shown.states[:, : stages + 1] = plan.states[:, : stages + 1]
+                shown.controls[:, :stages] = plan.controls[:, :stages]
+        return shown, stages
+
     def _infos(self, episode: Episode) -> dict[str, Info]:
         report = SolverReport() if self._behaviour is None else self._behaviour.report
+        plan, stages = self._plan_of_others(episode)
         theta = stacked(episode.episode_parameters.theta)
         return {
             agent: {
@@ -231,6 +250,9 @@ class WorldParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
                 "is_success": bool(
                     episode.reached[i] and not (episode.collided[i] or episode.off_road[i])
                 ),
+                "plan_states": plan.states.copy(),
+                "plan_controls": plan.controls.copy(),
+                "plan_stages": stages,
                 "solver_status": int(report.status),
                 "solver_residual": float(report.residual),
                 "solver_failures": int(report.failures),

@@ -70,7 +70,10 @@ the ones before it took.
 `applied_action` (2,) of this agent, `min_distance` (m; its smallest centre distance so far minus
 0.5 m), `collision` (of this agent), `off_road` (never, here), `goal_reached`, `is_success` (goal
 reached, no collision), `solver_status` (`equilibrium.Status`; -1 while nothing was solved),
-`solver_residual`, `solver_failures` (steps of this episode), `time` (s).
+`solver_residual`, `solver_failures` (steps of this episode), `time` (s), `plan_states`
+(N, T + 1, 4) and `plan_controls` (N, T, 2), with T the planning horizon: the equilibrium of all
+agents from `state` on that the others follow in the next step, zero beyond its `plan_stages` stages
+(none where they play no equilibrium, and after the last step).
 
 **Version history.** v0: first version.
 """

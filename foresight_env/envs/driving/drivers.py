@@ -13,6 +13,7 @@ from foresight_env.envs.core.behaviours import (
     Behaviour,
     BehaviourFactory,
     BehaviourSetting,
+    JointPlan,
     SolverReport,
 )
 from foresight_env.highway.axes import flipped_controls, flipped_states
@@ -26,6 +27,9 @@ class _Planless:
 
     report = SolverReport()
     planned: tuple[Float[np.ndarray, "K 2"], ...] | None = None
+
+    def plan(self, states: Float[np.ndarray, "N n"]) -> None:
+        """Return None: there is no plan."""
 
 
 class IdmDrivers(_Planless):
@@ -128,6 +132,10 @@ class MixedDrivers:
             return None
         nothing = np.zeros((0, 2))
         return tuple(nothing if p is None else p[i] for i, p in enumerate(plans))
+
+    def plan(self, states: Float[np.ndarray, "N n"]) -> JointPlan | None:
+        """Return the common plan where all have one behaviour; different ones share none."""
+        return self._all[0].plan(states) if len(self._all) == 1 else None
 
     def reset(self, episode_parameters: EpisodeParameters) -> None:
         """Begin an episode for everybody."""

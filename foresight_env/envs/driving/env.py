@@ -86,7 +86,10 @@ the ones before it took.
 (m; the smallest gap so far between its box and another's, negative where they overlapped),
 `collision` and `off_road` (of this agent), `goal_reached`, `is_success` (goal reached, no
 collision, on the road), `solver_status` (`equilibrium.Status`; -1 while nothing was solved),
-`solver_residual`, `solver_failures` (steps of this episode), `time` (s).
+`solver_residual`, `solver_failures` (steps of this episode), `time` (s), `plan_states`
+(N, T + 1, 4) and `plan_controls` (N, T, 2), with T the planning horizon: the equilibrium of all
+agents from `state` on that the others follow in the next step, zero beyond its `plan_stages` stages
+(none where they play no equilibrium, and after the last step).
 
 **Version history.** v0: first version.
 """

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import agents.egos.planning
-from agents import EGOS, Decision, Oracle, constant_velocity, make_ego
+from agents import EGOS, Decision, InferGamma, Oracle, constant_velocity, make_ego
 from foresight_env.equilibrium import Status
 from foresight_env.games import inside_bounds
 from foresight_env.scenarios.crosswalk import CONTROL_LIMIT, DT, SPEED_LIMIT, crosswalk_game
@@ -159,6 +159,38 @@ def test_only_the_oracle_looks_at_the_truth(name):
     assert all(same(a[EGO], b[EGO]) for a, b in zip(told, untold, strict=True))
 
 
+def alone(info):
+    """An `info` of others that make no joint plan."""
+    return {**info, "plan_stages": 0}
+
+
+def test_the_oracle_plays_its_part_of_the_plan_that_the_others_follow():
+    env = crossing()
+    observations, infos = env.reset(seed=1)
+    policy = Oracle()
+    memory = policy.init(env.scene, EGO)
+    while env.agents:
+        plan, expected = infos[EGO]["plan_controls"], infos[EGO]["plan_states"]
+        memory = policy.update(memory, observations[EGO], infos[EGO])
+        decision, memory = policy.act(memory)
+        np.testing.assert_array_equal(decision.action, np.float32(plan[0, 0]))
+        np.testing.assert_array_equal(decision.planned, expected[0, 1:, :2])
+        np.testing.assert_array_equal(decision.predicted[1], expected[1, 1:, :2])
+        observations, _, _, _, infos = env.step({EGO: decision.action})
+        np.testing.assert_allclose(infos[EGO]["state"], expected[:, 1], atol=1e-6)
+
+
+def test_an_ego_that_knows_gamma_infers_all_but_that():
+    known, infos = drive({EGO: ego("know-gamma")})
+    assert known[-1][EGO].gammas[1] == (infos[-1][EGO]["gamma"][1], 0.0)
+    assumed, _ = drive({EGO: ego("assume-gamma-1")})
+    assert not same(known[-1][EGO], assumed[-1][EGO])
+    with pytest.raises(ValueError, match="'gamma'; know-gamma needs"):
+        drive({EGO: ego("know-gamma")}, poison=lambda info: {})
+    with pytest.raises(ValueError, match="true_gamma: is True with infer_gamma"):
+        InferGamma(true_gamma=True)
+
+
 def test_the_oracle_needs_the_truth():
     with pytest.raises(AssertionError, match="looked at"):
         drive({EGO: Oracle()}, poison=Poison)
@@ -182,7 +214,7 @@ def test_a_failed_solve_continues_the_last_plan(name, monkeypatch):
     observations, infos = env.reset(seed=1)
     memory = policy.init(env.scene, EGO)
     for _ in range(3):
-        memory = policy.update(memory, observations[EGO], infos[EGO])
+        memory = policy.update(memory, observations[EGO], alone(infos[EGO]))
         decision, memory = policy.act(memory)
         assert not decision.plan_fallback
         observations, _, _, _, infos = env.step({EGO: decision.action})
@@ -190,7 +222,7 @@ def test_a_failed_solve_continues_the_last_plan(name, monkeypatch):
     own = plan.solution.controls[plan.player]
     failing(monkeypatch)
     for k in (1, 2):
-        memory = policy.update(memory, observations[EGO], infos[EGO])
+        memory = policy.update(memory, observations[EGO], alone(infos[EGO]))
         decision, memory = policy.act(memory)
         assert decision.plan_fallback
         np.testing.assert_array_equal(decision.action, np.float32(own[k]))
@@ -208,13 +240,13 @@ def test_without_a_plan_a_failed_solve_brakes(policy, velocity, monkeypatch):
     start = np.array([[2.0, 2.0, *velocity], [0.0, 2.0, 0.0, 0.0]])
     observations, infos = env.reset(seed=1, options={"initial_state": start})
     memory = policy.init(env.scene, EGO)
-    memory = policy.update(memory, observations[EGO], infos[EGO])
+    memory = policy.update(memory, observations[EGO], alone(infos[EGO]))
     if policy.name != "oracle":  # velocity takes two observations
         before = observations[EGO].copy()
         before[:2] -= DT * np.array(velocity)
         memory = policy.init(env.scene, EGO)
         memory = policy.update(memory, before, infos[EGO])
-        memory = policy.update(memory, observations[EGO], infos[EGO])
+        memory = policy.update(memory, observations[EGO], alone(infos[EGO]))
     decision, _ = policy.act(memory)
     assert decision.plan_fallback
     assert decision.planned is None

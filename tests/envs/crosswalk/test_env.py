@@ -259,6 +259,9 @@ def test_collision_among_the_others_does_not_end_the_episode():
         def reset(self, episode_parameters):
             self.episode_parameters = episode_parameters
 
+        def plan(self, states):
+            return None
+
         def act(self, states):
             return np.array([[0.0, 0.0], [5.0, 0.0], [-5.0, 0.0]])
 
@@ -316,6 +319,36 @@ def test_open_loop_others_follow_one_plan():
 
 
 @pytest.mark.parametrize("behaviour", ["receding", "open_loop"])
+def test_information_has_the_plan_that_the_others_follow_next(behaviour):
+    env = make(behaviour=behaviour)
+    info = env.reset(seed=2)[1][EGO]
+    assert info["solver_status"] == oracle.NOTHING_SOLVED
+    while env.agents:
+        plan, before = info["plan_controls"], info["plan_states"]
+        assert info["plan_stages"] == 6
+        np.testing.assert_allclose(before[:, 0], info["state"], atol=1e-6)
+        # An ego that plays its part of it moves all agents as planned.
+        info = env.step({EGO: plan[0, 0].astype(np.float32).clip(-10, 10)})[4][EGO]
+        np.testing.assert_allclose(info["controls"], plan[:, 0], atol=1e-6)
+        np.testing.assert_allclose(info["state"], before[:, 1], atol=1e-6)
+    assert info["plan_stages"] == 0
+    assert not info["plan_controls"].any()
+    assert not info["plan_states"].any()
+    # The same shapes throughout, also where the plan reaches to the episode's end.
+    assert (plan.shape, before.shape) == ((2, 6, 2), (2, 7, 4))
+    assert info["plan_controls"].shape == plan.shape
+    assert info["plan_states"].shape == before.shape
+
+
+def test_a_plan_that_ends_before_the_horizon_is_shown_as_far_as_it_goes():
+    info = make(behaviour="open_loop", max_steps=4).reset(seed=2)[1][EGO]
+    assert info["plan_stages"] == 4
+    assert info["plan_controls"][:, :4].any(axis=(0, 2)).all()
+    assert not info["plan_controls"][:, 4:].any()
+    assert not info["plan_states"][:, 5:].any()
+
+
+@pytest.mark.parametrize("behaviour", ["receding", "open_loop"])
 def test_without_any_plan_others_brake_to_rest(behaviour, monkeypatch):
     def fail(*arguments, **named):
         found = solve(*arguments, **named)
@@ -336,7 +369,6 @@ def test_without_any_plan_others_brake_to_rest(behaviour, monkeypatch):
 
 def test_a_failed_solve_keeps_the_shifted_plan(monkeypatch):
     env = make()
-    env.reset(seed=1)
     plans = []
 
     def sometimes(*arguments, **named):
@@ -345,6 +377,7 @@ def test_a_failed_solve_keeps_the_shifted_plan(monkeypatch):
         return found if len(plans) == 1 else found._replace(status=np.array(Status.INFEASIBLE))
 
     monkeypatch.setattr(oracle, "solve", sometimes)
+    env.reset(seed=1)
     for step in range(3):
         info = env.step(STILL)[4][EGO]
         assert info["controls"][1] == pytest.approx(plans[0].controls[1][step], abs=1e-7)

@@ -46,6 +46,8 @@ def to_goal(observations, players=2, size=4):
 
 def assert_same(mine, theirs, exact=1e-9, path=""):
     if isinstance(mine, dict):
+        # What the others plan is in the information of single environments alone.
+        theirs = {name: v for name, v in theirs.items() if not name.lstrip("_").startswith("plan_")}
         assert mine.keys() == theirs.keys()
         for name in mine:
             # Of solves that ended a hair apart: both are far below the tolerance.

@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 
 from evaluation.cli import app as command_line
 from evaluation.cli.app import app
+from evaluation.rollout.places import DEVELOPMENT_SEEDS, SETTINGS
 from evaluation.samples.recording import write_sample
 from foresight_env import __version__
 from foresight_env.envs.rendering.style import COLOURS
@@ -24,6 +25,7 @@ COMMANDS = (
     "estimate",
     "demo",
     "benchmark",
+    "value",
     "generate",
     "train",
 )
@@ -208,6 +210,30 @@ def test_egos_named_twice_count_once(tmp_path, monkeypatch):
     result = call("evaluate", "crosswalk", "--egos", "oracle, assume-gamma-1,oracle")
     assert result.exit_code == 0, result.output
     assert asked[0][4] == ("oracle", "assume-gamma-1")
+
+
+def test_the_value_of_information(tmp_path, monkeypatch):
+    asked = []
+    monkeypatch.setattr(
+        "evaluation.studies.value.study", lambda *given, **named: asked.append((given, named)) or []
+    )
+    result = call("value", "--settings", "all", "--seeds", "development", "--out", tmp_path)
+    assert result.exit_code == 0, result.output
+    (_, settings, egos, seeds), named = asked[0]
+    assert settings == tuple(SETTINGS)
+    assert egos[-1] == "assume-gamma-1"
+    assert seeds == DEVELOPMENT_SEEDS
+    assert named["clairvoyant"]
+    call("value", "--bound", "oracle", "--egos", "infer-gamma", "--episodes", 3, "--out", tmp_path)
+    assert asked[1][0][1:] == (
+        ("crowd-3-short",),
+        ("oracle", "infer-gamma", "assume-gamma-1"),
+        range(3),
+    )
+    assert not asked[1][1]["clairvoyant"]
+    assert call("value", "--list").stdout.split() == list(SETTINGS)
+    refused(call("value", "--settings", "nowhere"), "--settings: 'nowhere' is unknown")
+    refused(call("value", "--episodes", 900), "--episodes: is 900; there are 200 test seeds")
 
 
 def test_the_command_alone_shows_its_help(monkeypatch, capsys):

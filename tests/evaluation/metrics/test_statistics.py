@@ -5,7 +5,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from evaluation.metrics.statistics import mean_and_error, mean_interval, share_interval
+from evaluation.metrics.statistics import (
+    exact_mcnemar,
+    mean_and_error,
+    mean_interval,
+    ratio_interval,
+    share_interval,
+)
 
 FINITE = st.floats(-1e3, 1e3)
 
@@ -62,3 +68,29 @@ def test_standard_errors():
     assert mean_and_error(np.array([4.0])) == (4.0, 0.0)
     with pytest.raises(ValueError, match="values"):
         mean_and_error(np.array([]))
+
+
+def test_mcnemar_counts_the_pairs_that_differ():
+    yes, no = True, False
+    first = np.array([yes] * 12 + [no] * 3 + [yes] * 20 + [no] * 5)
+    second = np.array([no] * 12 + [yes] * 3 + [yes] * 20 + [no] * 5)
+    # Binomial tail of 15 fair coins: (C(15,0) + C(15,1) + C(15,2) + C(15,3)) / 2^15, both sides.
+    assert exact_mcnemar(first, second) == pytest.approx(2 * (1 + 15 + 105 + 455) / 2**15)
+    assert exact_mcnemar(second, first) == pytest.approx(exact_mcnemar(first, second))
+    assert exact_mcnemar(first, first) == 1.0
+
+
+def test_the_ratio_of_means_of_pairs():
+    random = np.random.default_rng(0)
+    bottom = random.uniform(1.0, 3.0, 200)
+    top = 0.4 * bottom + random.normal(0.0, 0.2, 200)
+    found = ratio_interval(top, bottom)
+    assert found.mean == pytest.approx(top.sum() / bottom.sum())
+    assert found.low < 0.4 < found.high
+    assert 0.02 < found.high - found.low < 0.04  # 2 * 1.96 * 0.2 / 2 / sqrt(200)
+    assert ratio_interval(2.0 * bottom, bottom) == pytest.approx((2.0, 2.0, 2.0))
+    # Resamples of the zero alone have no ratio.
+    assert ratio_interval(np.array([0.0, 1.0]), np.array([0.0, 2.0])) == (0.5, 0.5, 0.5)
+    for top, bottom in (([np.nan], [1.0]), ([], []), ([1.0, 1.0], [1.0, -1.0])):
+        with pytest.raises(ValueError, match="numerators, denominators"):
+            ratio_interval(np.array(top), np.array(bottom))

@@ -1,0 +1,92 @@
+"""`foresight value`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from evaluation.cli.options import (
+    ALL_EGO_NAMES,
+    ClusterOption,
+    OutOption,
+    WorkersOption,
+    chosen_agents,
+    chosen_workers,
+    listed,
+    plain_errors,
+)
+
+Seeds = Literal["development", "test"]
+"""Which episodes: those that settings were chosen on, or the others."""
+Bound = Literal["clairvoyant", "know-gamma", "oracle"]
+"""What the baseline is compared with."""
+DEFAULT_EGOS = ("oracle", "know-gamma", "infer-gamma", "constant-velocity")
+
+
+@plain_errors
+def value(
+    settings: Annotated[
+        str, typer.Option(help="Comma-separated names of settings, or all; --list prints them.")
+    ] = "crowd-3-short",
+    episodes: Annotated[int, typer.Option(min=1, help="Seeds per setting.")] = 40,
+    seeds: Annotated[
+        Seeds, typer.Option(help="development: those that settings were chosen on.")
+    ] = "test",
+    egos: Annotated[
+        str,
+        typer.Option(help="Comma-separated, beside assume-gamma-1, the baseline."),
+    ] = ",".join(DEFAULT_EGOS),
+    bound: Annotated[
+        Bound,
+        typer.Option(
+            help="clairvoyant: a best response by simulation, offline; know-gamma: the ego "
+            "infer-gamma with the true discount factors; oracle: the others' own equilibrium."
+        ),
+    ] = "clairvoyant",
+    names: Annotated[bool, typer.Option("--list", help="Print the names of settings.")] = False,
+    workers: WorkersOption = None,
+    cluster: ClusterOption = None,
+    out: OutOption = Path("results/value"),
+) -> None:
+    """Value of knowing the others' foresight, and how much of it each ego gets.
+
+    The value of information is what the ego that assumes gamma = 1 loses to an upper bound, in
+    cost, time and collisions, on the same seeds. Interrupted studies are resumed. With the
+    clairvoyant, ten seeds of a crowd take one to three minutes on one core.
+    """
+    from evaluation.rollout.places import DEVELOPMENT_SEEDS, SETTINGS, TEST_SEEDS
+
+    if names:
+        for name in SETTINGS:
+            typer.echo(name)
+        return
+    chosen = (
+        tuple(SETTINGS) if settings == "all" else listed("--settings", settings, tuple(SETTINGS))
+    )
+    compared = tuple(
+        dict.fromkeys((*chosen_agents("--egos", egos, ALL_EGO_NAMES), "assume-gamma-1"))
+    )
+    if bound != "clairvoyant":
+        compared = tuple(dict.fromkeys((bound, *compared)))
+    available = DEVELOPMENT_SEEDS if seeds == "development" else TEST_SEEDS
+    if episodes > len(available):
+        raise ValueError(f"--episodes: is {episodes}; there are {len(available)} {seeds} seeds")
+    from evaluation.reports.terminal import terminal
+    from evaluation.reports.value import print_value, value_figure
+    from evaluation.studies.value import study
+
+    rows = study(
+        out / "episodes",
+        chosen,
+        compared,
+        available[:episodes],
+        workers=chosen_workers(workers, cluster),
+        clairvoyant=bound == "clairvoyant",
+    )
+    console = terminal()
+    print_value(console, rows, chosen, compared, bound)
+    shown = tuple(dict.fromkeys((bound, *compared)))
+    picture = value_figure(rows, chosen, shown, out / "value.png")
+    console.print(f"picture: {picture}", soft_wrap=True, markup=False)
