@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -24,10 +25,10 @@ from evaluation.cli.options import (
 )
 from evaluation.cli.value import value
 from foresight_env.names import (
+    SCENARIOS,
     SCENE_NAMES,
     DrivingBehaviour,
     Observation,
-    Scenario,
     SceneName,
 )
 
@@ -74,7 +75,15 @@ app.command("train")(train)
 @app.command()
 @plain_errors
 def run(
-    scenario: Annotated[Scenario, typer.Argument(help="Which scenario.")],
+    name: Annotated[
+        str,
+        typer.Argument(
+            metavar="SETTING",
+            help=f"A scenario ({', '.join(SCENARIOS)}) or a setting that `foresight value --list` "
+            "prints, such as crowd-3-short.",
+            show_default=False,
+        ),
+    ],
     ego: Annotated[
         str,
         typer.Option(
@@ -105,8 +114,21 @@ def run(
     """Run one episode: table, picture, animation, inferred discount factors over time."""
     if noise_std is not None:
         check_noise(noise_std)
-    if scene is not None and scenario != "driving":
+    if scene is not None and name != "driving":
         raise ValueError(f"--scene: is {scene}; only the scenario driving has scenes")
+    if name not in SCENARIOS and players is not None:
+        raise ValueError(f"--players: the setting {name} says how many; leave the option out")
+    from evaluation.rollout.places import setting_of
+    from evaluation.rollout.setting import RunSetting
+
+    if name in SCENARIOS:
+        setting = RunSetting(
+            name, scene or SCENE_NAMES[0], players, observation, noise_std, behaviour
+        )
+    else:
+        chosen = setting_of(name, behaviour)
+        setting = replace(chosen, observation=observation, noise_std=noise_std)
+    scenario = setting.scenario
     if is_custom(ego):
         make_all("--ego", [ego])
     elif ego == "idm" and scenario != "driving":
@@ -115,11 +137,7 @@ def run(
         raise ValueError(f"--ego: {ego} walks in the scenario crosswalk only")
     check_extra(ego)
     from evaluation.cli.demonstration import run_one
-    from evaluation.rollout.setting import RunSetting
 
-    setting = RunSetting(
-        scenario, scene or SCENE_NAMES[0], players, observation, noise_std, behaviour
-    )
     run_one(ego, seed, setting, human, out)
 
 

@@ -1,5 +1,6 @@
 """The command `foresight`: help, one-line errors with exit status 2, and results."""
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -121,6 +122,9 @@ def test_runs_that_there_are_not(tmp_path):
         (("crosswalk", "--ego", "idm"), "--ego: idm drives cars"),
         (("crosswalk", "--scene", "merge"), "--scene: is merge; only the scenario driving"),
         (("intersection", "--scene", "left_turn"), "--scene: is left_turn"),
+        (("crowd-9",), "setting: 'crowd-9' is unknown; choose from crosswalk"),
+        (("crowd-3-far", "--players", 2), "--players: the setting crowd-3-far says how many"),
+        (("crowd-3-far", "--behaviour", "idm"), "--behaviour: idm drives cars"),
     ):
         refused(call("run", *arguments, "--out", out), told)
     assert not out.exists()
@@ -251,6 +255,14 @@ def test_an_oracle_infers_nothing(tmp_path):
     assert result.exit_code == 0, result.output
     assert "gamma of agent 1: true" in result.stdout
     assert "inferred" not in result.stdout
+
+
+def test_a_setting_is_run_by_its_name(tmp_path):
+    result = call("run", "crowd-3-far", "--ego", "oracle", "--out", tmp_path)
+    assert result.exit_code == 0, result.output
+    gammas = re.findall(r"gamma of agent (\d): true\D*([\d.]+)", result.stdout)
+    assert [agent for agent, _ in gammas] == ["1", "2"]
+    assert all(0.7 <= float(gamma) <= 1.0 for _, gamma in gammas)
 
 
 def test_an_unknown_ego(tmp_path):
