@@ -41,6 +41,9 @@ class Damping:
 
     raised: float = 20.0
     """Factor of the recent largest residual above which a step is undone."""
+    least: float = 1.0
+    """Recent largest residual that is assumed at least: phases from a similar game's solution begin
+    with small residuals, and may raise them."""
     memory: float = 0.5
     """Factor, per step, of the recent largest residual."""
     begin: float = 1.0

@@ -33,7 +33,7 @@ def undamped(error: Scalar) -> Damped:
 
 def is_rejected(schedule: Damping, damped: Damped, error: Scalar) -> Bool[Array, ""]:
     """Return whether a step to a point with this residual is undone; NaN and infinity are."""
-    return ~(error <= schedule.raised * damped.reference)
+    return ~(error <= schedule.raised * jnp.maximum(damped.reference, schedule.least))
 
 
 def next_damped(
