@@ -168,7 +168,9 @@ def evaluate_intersection(
     ] = "auto",
     parameters: Annotated[
         Parameters,
-        typer.Option(help="Estimated beside gamma: goals, or weights and distances as well."),
+        typer.Option(
+            help="Estimated in addition to gamma: goals, or weights and distances as well."
+        ),
     ] = "goals",
     levels: Annotated[int, typer.Option(min=1, help="Noise levels, std 0 to 0.1.")] = 6,
     sequences: Annotated[int, typer.Option(min=1, help="Noisy sequences per level.")] = 10,

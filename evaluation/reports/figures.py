@@ -29,7 +29,7 @@ from foresight_env.scenarios.crosswalk import MONTE_CARLO
 AGENTS = tuple("#{:02X}{:02X}{:02X}".format(*colour) for colour in AGENT_COLOURS)
 """As in the pictures of the environment."""
 LEAST_SPAN = 4.0
-"""Least width and height of an encounter's picture, m: narrower, nobody sees what it is."""
+"""Least width and height of an encounter's picture, m: a narrower one is not legible."""
 
 
 PAPER_WIDTH = 7.16

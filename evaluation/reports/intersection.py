@@ -30,7 +30,7 @@ LABELLED_DECADES = (4.0, 0.5)
 SNAPSHOT = "snapshot"
 """Name of the picture of a prediction, beside the study's folder."""
 VIEW_MARGIN = 4.0
-"""Free space around everybody in the snapshot, m."""
+"""Free space around all agents in the snapshot, m."""
 
 
 def _values(

@@ -22,7 +22,7 @@ def recorded_setting(
     """The setting of a recorded window: states where it begins, goals where each is seen last.
 
     Args:
-        window: everybody is seen in its first frame.
+        window: every agent is observed in its first frame.
         region: what is forbidden there.
         lanes: per agent; None fits each car's lane to its own track in the window, which tells a
             predictor where the car will go: pass lanes fitted to earlier traffic for predictions.

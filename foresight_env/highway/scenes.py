@@ -1,4 +1,4 @@
-"""The four scenes: roads, everybody's journey, and how an episode is drawn around them."""
+"""The four scenes: roads, every car's route, and how an episode is drawn around them."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class DrivingScene:
 
     @cached_property
     def paths(self) -> Float[np.ndarray, "cars M 4"]:
-        """Everybody's path, in our axes."""
+        """Every car's path, in our axes."""
         return np.stack([path_along(self.network, j.legs) for j in self.journeys])
 
 

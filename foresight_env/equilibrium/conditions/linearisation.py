@@ -38,8 +38,8 @@ from foresight_env.games.dynamics import Dynamics
 from foresight_env.games.types import Controls, CostFunction, Scalar, States, Theta
 
 Stage = tuple[States, Controls]
-"""Everybody's states and controls of one stage. Costs are differentiated by these parts, not by the
-stage vector: every slice of that would become a padded sum."""
+"""All players' states and controls of one stage. Costs are differentiated by these parts, not by
+the stage vector: every slice of that would become a padded sum."""
 
 
 class Linearisation(NamedTuple):
