@@ -34,7 +34,7 @@ from foresight_env.inverse.window_fit import WindowFit, moved_along, rates_of
 
 @dataclass(frozen=True)
 class DoubtSettings:
-    """Thresholds of the search for another equilibrium."""
+    """Thresholds of the search for another equilibrium; `benchmarks.online` measures with them."""
 
     plausible: float = 1.5
     """Reduced chi-squared up to which none is: of 30 degrees of freedom, noise alone leaves more
