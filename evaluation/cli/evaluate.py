@@ -128,7 +128,7 @@ def evaluate_driving(
 Site = Literal["auto", "aachen", "open"]
 """What is known of the place of a recording."""
 Parameters = Literal["goals", "all"]
-"""What is estimated beside discount factors."""
+"""Parameters that are estimated in addition to discount factors."""
 
 
 def _frames(text: str) -> tuple[int, int]:

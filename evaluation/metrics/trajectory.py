@@ -97,7 +97,7 @@ def negative_log_likelihood(
     """Mean over steps and agents of `-log p(truth)`, p a mixture of Gaussians in m^-2 (NLL).
 
     Each step and agent by itself (Ivanovic and Pavone, "The Trajectron", ICCV 2019). NaN when
-    nobody is present.
+    no agent is present.
     """
     if not present.any():
         return float("nan")

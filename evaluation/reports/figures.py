@@ -38,7 +38,7 @@ PAPER_WIDTH = 7.16
 
 HEATMAP_NAME = "heatmap"
 TRIAL_NAME = "representative_trial"
-"""Names of pictures that are written beside a study's rows, which do not hold what they show."""
+"""Names of pictures that are written next to a study's rows, which do not hold what they show."""
 
 
 def save(figure: Figure, path: Path) -> Path:

@@ -2,7 +2,7 @@
 
 It walks among oracles that follow their open-loop equilibria, many crosswalks at a time. An epoch
 is one rollout of everybody from new beginnings and the updates from it, with random numbers of its
-own: so a training that was killed goes on from its weights alone, to the same end.
+own: so an interrupted training resumes from its weights alone, with the same result.
 
 This module needs the extra `rl`; nothing else does.
 """

@@ -236,7 +236,7 @@ def observe(
 def seen(
     setting: CrosswalkSetting, state: CrosswalkState, noise: Float[AnyArray, "sensed"]
 ) -> Float[Array, "size"]:
-    """What the ego sees with this noise (m, m/s): everybody, then its own goal."""
+    """What the ego sees with this noise (m, m/s): all players, then its own goal."""
     limits = np.array([POSITION_LIMIT] * 2 + [VELOCITY_LIMIT] * 2)[: setting.shown]
     limit = np.concatenate([np.tile(limits, setting.players), limits[:2]])
     exact = state.states[:, : setting.shown].ravel() + noise

@@ -298,7 +298,7 @@ class CrosswalkVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
 
 def _masked(infos: Infos, there: Bool[np.ndarray, "B"]) -> Infos:
-    """With who has what beside it; zero where an environment has nothing."""
+    """Values and a mask of the environments that have one; zero where there is none."""
     for value in infos.values():
         if isinstance(value, np.ndarray):
             value[~there] = 0
