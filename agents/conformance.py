@@ -19,11 +19,12 @@ import numpy as np
 from agents.interfaces.policy import EgoPolicy
 from agents.interfaces.predictor import History, Predictor
 from foresight_env.envs.crosswalk_v0 import parallel_env
+from foresight_env.games.kinds import kind_of
 
 PROBABILITY_TOLERANCE = 1e-5
 """By how much probabilities may miss one in sum: single precision is allowed."""
 FARTHEST = 5.0
-"""Nobody's first predicted position is farther from where it was seen last than this (m) and three
+"""No first predicted position is farther from the agent's last observed one than this (m) and three
 times the way that it makes in a step: else it was not predicted in the axes of the history."""
 
 
@@ -77,7 +78,7 @@ def _straight(
     for i, kind in enumerate(kinds):
         if kind != "pedestrian":
             headings[:, i] = np.arctan2(*velocities[i][::-1])
-            extents[i] = (4.5, 1.8) if kind != "bicycle" else (1.8, 0.6)
+            extents[i] = kind_of(kind).length, kind_of(kind).width
     return History(states, headings, kinds, extents, dt)
 
 

@@ -14,7 +14,7 @@ def write_files(
 ) -> None:
     """Write files so that each appears whole or not at all.
 
-    All contents are written beside their targets first and moved into place when the last is on
+    All contents are written next to their targets first and moved into place when the last is on
     disk; each move is atomic.
 
     Args:

@@ -76,7 +76,7 @@ class Perception(NamedTuple):
     def states(self) -> list[Float[np.ndarray, "4"]]:
         """Present states: the ego's own by its actions, the others' by straight, even motion."""
         if self.missing:
-            raise ValueError("memory: somebody was never seen; a decision is to wait")
+            raise ValueError("memory: an agent was never observed; act by waiting()")
         found = [state for state in self.known if state is not None]
         if self.own.mean is not None:
             found[self.ego] = self.own.mean

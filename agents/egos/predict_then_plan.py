@@ -143,7 +143,7 @@ def feared_positions(
 
     To keep a distance from there is a linearised chance constraint along the line between the two
     (Zhu and Alonso-Mora, "Chance-constrained collision avoidance for MAVs in dynamic
-    environments", RA-L 2019). Nobody is moved farther than to where the ego is.
+    environments", RA-L 2019). No agent is moved farther than to the ego's position.
     """
     places = np.array(forecast.most_likely)
     if forecast.covariance is None:

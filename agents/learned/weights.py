@@ -28,7 +28,7 @@ def with_arrays(tree: Any, arrays: dict[str, np.ndarray], what: str) -> Any:
     wanted = arrays_of(tree)
     if wanted.keys() != arrays.keys():
         odd = sorted(wanted.keys() ^ arrays.keys())[0]
-        raise ValueError(f"{what}: is of another network ({odd}); train it anew")
+        raise ValueError(f"{what}: is of another network ({odd}); train it again")
     for name, value in wanted.items():
         found = arrays[name]
         if found.shape != value.shape or found.dtype != value.dtype:

@@ -2,7 +2,7 @@
 
 Treiber, Hennecke, Helbing, "Congested traffic states in empirical observations and microscopic
 simulations", Physical Review E 62 (2000). Without a map a vehicle's lane is the circle that it is
-on. The nearest agent ahead on it leads, vehicles and people alike. People keep their velocity.
+on. The nearest agent ahead on it leads, be it a vehicle or a person. People keep their velocity.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class IdmPredictor:
         velocities = wanted[0].copy()
         speeds = np.linalg.norm(velocities, axis=1)
         targets = np.linalg.norm(wanted[0], axis=1)
-        # Nobody gets faster than it is.
+        # No agent accelerates.
         lengths = SIGHT + history.dt * steps * speeds
         lanes = [
             _lane(places[i], velocities[i], recent_turn(history, i), float(lengths[i]))

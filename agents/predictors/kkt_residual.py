@@ -48,7 +48,7 @@ class KktResidualPredictor:
     name: str = "kkt-residual"
     residual_std: float = 0.3
     """Standard deviation that the derivatives of the costs by the controls are believed to have
-    (m/s^2, the scale of the cost of accelerations); the prior has weight beside it."""
+    (m/s^2, the scale of the cost of accelerations); the prior has weight relative to it."""
     belief: EncounterBelief = EncounterBelief()
 
     def predict(self, history: History, steps: int) -> Forecast:

@@ -175,7 +175,7 @@ def report(
     ] = 4,
     markdown: Annotated[
         Path | None,
-        typer.Option(help="Also write the paper's numbers beside these, as Markdown, here."),
+        typer.Option(help="Also write these numbers and the paper's, as Markdown, to this file."),
     ] = None,
 ) -> None:
     """One page from a folder of results: tables, figures, failures, and episodes to step through.

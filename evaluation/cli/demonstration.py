@@ -300,7 +300,7 @@ def demonstrate(data: Path | None, workers: Workers, out: Path) -> None:
     console.rule("1. The value of knowing the others' foresight: four egos, the same crossings")
     console.print(DEMO_INTRODUCTION)
     egos = ("oracle", "infer-gamma", "assume-gamma-1", "constant-velocity")
-    # What an earlier version left there would hide what this one does: the demo starts afresh.
+    # What an earlier version left there would hide the results of this one.
     rows = value.study(
         out / "value", (DEMO_SETTING,), egos, DEMO_SEEDS, workers=workers, clairvoyant=False,
         fresh=True,

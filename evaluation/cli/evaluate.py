@@ -128,7 +128,7 @@ def evaluate_driving(
 Site = Literal["auto", "aachen", "open"]
 """What is known of the place of a recording."""
 Parameters = Literal["goals", "all"]
-"""What is estimated beside discount factors."""
+"""Parameters that are estimated in addition to discount factors."""
 
 
 def _frames(text: str) -> tuple[int, int]:
@@ -168,7 +168,9 @@ def evaluate_intersection(
     ] = "auto",
     parameters: Annotated[
         Parameters,
-        typer.Option(help="Estimated beside gamma: goals, or weights and distances as well."),
+        typer.Option(
+            help="Estimated in addition to gamma: goals, or weights and distances as well."
+        ),
     ] = "goals",
     levels: Annotated[int, typer.Option(min=1, help="Noise levels, std 0 to 0.1.")] = 6,
     sequences: Annotated[int, typer.Option(min=1, help="Noisy sequences per level.")] = 10,

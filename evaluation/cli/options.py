@@ -1,4 +1,4 @@
-"""What the commands have in common: names, options, checks, and how errors are told."""
+"""Options, checks and error messages that the commands share."""
 
 from __future__ import annotations
 

@@ -36,7 +36,7 @@ def value(
     ] = "test",
     egos: Annotated[
         str,
-        typer.Option(help="Comma-separated, beside assume-gamma-1, the baseline."),
+        typer.Option(help="Comma-separated, in addition to assume-gamma-1, the baseline."),
     ] = ",".join(DEFAULT_EGOS),
     bound: Annotated[
         Bound,

@@ -20,7 +20,7 @@ PATIENCE = 30.0
 
 
 class _Prepared(WorkerPlugin):
-    """What a local worker process is told, for workers that join later as well."""
+    """Configure workers as local worker processes are, also those that join later."""
 
     name = "foresight_env"
 

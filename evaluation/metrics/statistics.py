@@ -37,12 +37,12 @@ def clustered_interval(
 
 
 def share_interval(happened: Bool[np.ndarray, "n"]) -> Interval:
-    """Share of independent cases in which something happened, with Wilson's interval (1927).
+    """Share of independent cases in which an event occurred, with Wilson's interval (1927).
 
     Resampling would call "never in six cases" certain.
     """
     if happened.size == 0:
-        raise ValueError("happened: is empty; there is no share of nothing")
+        raise ValueError("happened: is empty; expected at least one case")
     found = binomtest(int(happened.sum()), happened.size)
     low, high = found.proportion_ci(0.95, method="wilson")
     return Interval(float(found.statistic), float(low), float(high))

@@ -22,7 +22,7 @@ def displacement(
     """Average and final displacement error, ADE and FDE (Pellegrini et al., ICCV 2009).
 
     ADE: mean distance over all steps and agents that are present. FDE: mean over agents of the
-    distance at the last step at which each is present. NaN when nobody is.
+    distance at the last step at which each is present. NaN when none is.
     """
     gap = np.linalg.norm(predicted - np.where(present[..., None], truth, 0.0), axis=2)
     if not present.any():
@@ -97,7 +97,7 @@ def negative_log_likelihood(
     """Mean over steps and agents of `-log p(truth)`, p a mixture of Gaussians in m^-2 (NLL).
 
     Each step and agent by itself (Ivanovic and Pavone, "The Trajectron", ICCV 2019). NaN when
-    nobody is present.
+    no agent is present.
     """
     if not present.any():
         return float("nan")

@@ -26,7 +26,7 @@ class Metric(NamedTuple):
     name: str
     unit: str
     told: str
-    """What it is, for the page's legend."""
+    """Description in the page's legend."""
     ranked: bool = False
     """Whether methods are ranked by it; less is better."""
     share: bool = False
@@ -46,7 +46,7 @@ TIME = Metric(
 COST = Metric("cost", "", "the ego's own undiscounted cost over time, collisions left out")
 GAP = Metric("least gap", "m", "least distance between footprints, negative where they overlap")
 AHEAD = Metric("1 s ahead", "m", "how far off the ego's own predictions of others were after 1 s")
-P50 = Metric("p50", "ms", "median time of a prediction or decision, compilation apart")
+P50 = Metric("p50", "ms", "median time of a prediction or decision, without compilation")
 P99 = Metric("p99", "ms", "99th percentile of it")
 FAILED = Metric("failed", "", "predictions replaced by the fallback, constant velocity; an ego's"
                 " plans and fits that failed")  # fmt: skip

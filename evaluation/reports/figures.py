@@ -29,7 +29,7 @@ from foresight_env.scenarios.crosswalk import MONTE_CARLO
 AGENTS = tuple("#{:02X}{:02X}{:02X}".format(*colour) for colour in AGENT_COLOURS)
 """As in the pictures of the environment."""
 LEAST_SPAN = 4.0
-"""Least width and height of an encounter's picture, m: narrower, nobody sees what it is."""
+"""Least width and height of an encounter's picture, m: a narrower one is not legible."""
 
 
 PAPER_WIDTH = 7.16
@@ -38,7 +38,7 @@ PAPER_WIDTH = 7.16
 
 HEATMAP_NAME = "heatmap"
 TRIAL_NAME = "representative_trial"
-"""Names of pictures that are written beside a study's rows, which do not hold what they show."""
+"""Names of pictures that are written next to a study's rows, which do not hold what they show."""
 
 
 def save(figure: Figure, path: Path) -> Path:

@@ -28,9 +28,9 @@ from foresight_env.scenarios.junction import JUNCTION_REGION
 LABELLED_DECADES = (4.0, 0.5)
 """Length of an axis up to which some, and all, ticks between powers of ten have a number."""
 SNAPSHOT = "snapshot"
-"""Name of the picture of a prediction, beside the study's folder."""
+"""Name of the picture of a prediction, next to the study's folder."""
 VIEW_MARGIN = 4.0
-"""Free space around everybody in the snapshot, m."""
+"""Free space around all agents in the snapshot, m."""
 
 
 def _values(
@@ -47,7 +47,7 @@ def _values(
 
 
 def print_errors(console: Console, rows: Sequence[Row]) -> None:
-    """Mean trajectory error of each method over noise, bootstrap standard errors beside it."""
+    """Mean trajectory error of each method over noise, with bootstrap standard errors."""
     table = Table(title="Errors against the recording")
     for name in ("observed", "std", "method", "n", "||X - X_recorded||^2", "ratio", "ADE [m]"):
         table.add_column(

@@ -101,7 +101,7 @@ def summary(rows: Sequence[Row]) -> list[Line]:
 
 
 def over_time(rows: Sequence[Row]) -> list[Line]:
-    """A line per data set, split and predictor: ADE / FDE at the times at which they are told."""
+    """A line per data set, split and predictor: ADE / FDE at the reported times."""
     return [
         {
             "data": _name(part),

@@ -150,7 +150,7 @@ def _intersection(results: Results, notes: Console) -> Section:
 
 
 def _add_picture(found: Section, name: str, told: str) -> None:
-    """A picture that lies beside the rows, which do not hold what it shows."""
+    """A picture that is stored with the rows, which do not hold what it shows."""
     kept = found.results.folder.parent / name
 
     def copied(path: Path) -> Path:

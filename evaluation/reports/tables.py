@@ -88,7 +88,7 @@ FAR_BELOW = 0.5
 
 
 def print_estimation(console: Console, rows: Sequence[Row]) -> None:
-    """Mean error per noise level beside the Cramer-Rao bound."""
+    """Mean error per noise level and the Cramer-Rao bound."""
     table = Table(title="Estimation: mean trajectory error, Cramer-Rao bound, ratio to it")
     for name in (
         "observed", "std", "n", *METHODS, "bound", "ratio", "time [s]",

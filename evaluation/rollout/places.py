@@ -49,7 +49,7 @@ per step."""
 
 
 def setting_of(name: str, others: str = "receding") -> RunSetting:
-    """The setting of that name; `others`: what drives the agents beside the ego."""
+    """The setting of that name; `others`: what drives the other agents."""
     if name not in SETTINGS:
         raise ValueError(f"setting: {name!r} is unknown; choose from {', '.join(SETTINGS)}")
     return replace(SETTINGS[name], behaviour=others)

@@ -40,7 +40,7 @@ class RunSetting:
     others_gamma: tuple[float, float] | None = None
     """Range of the others' discount factors; None: the scenario's."""
     planning_horizon: int | None = None
-    """Stages of everybody's plans; None: the scenario's."""
+    """Stages of all agents' plans; None: the scenario's."""
     step: float | None = None
     """Duration of a step in driving, s; None: the scenario's. Episodes last as long."""
 
@@ -60,7 +60,7 @@ class RunSetting:
         return DrivingRanges().gamma if self.scenario == "driving" else OTHERS_GAMMA
 
     def true_gammas(self, info: Mapping[str, Any]) -> Float[np.ndarray, "N"]:
-        """Everybody's discount factor by an environment's `info`.
+        """Every agent's discount factor by an environment's `info`.
 
         NaN of those who have none: highway-env's vehicles play no game.
         """

@@ -35,7 +35,7 @@ class Plan:
 
     places: tuple[str, ...]
     others: tuple[str, ...]
-    """What drives the cars of driving beside the ego; elsewhere it is always the game."""
+    """What drives the other cars of driving; elsewhere it is always the game."""
     predictors: tuple[str, ...]
     egos: tuple[str, ...]
     episodes: int

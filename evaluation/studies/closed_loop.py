@@ -1,7 +1,7 @@
 """Egos in the loop: paired seeds, one row per episode.
 
 The ego is player 0 of a crosswalk with a known discount factor of its own; the others play the
-equilibrium of the true game at every step, with discount factors that nobody is told.
+equilibrium of the true game at every step, with discount factors that the ego does not observe.
 """
 
 from __future__ import annotations
@@ -110,7 +110,7 @@ class Summary(NamedTuple):
     """Undiscounted cost, integrated over time, of the episodes without a collision: a collision
     ends an episode, and what it would have cost with it."""
     latency_median: float
-    """Milliseconds per decision, compilation apart."""
+    """Milliseconds per decision, without compilation."""
     latency_p99: float
     failed_plans: int
     """Decisions without a solved plan: the one before was continued, or the ego braked."""

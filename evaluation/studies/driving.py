@@ -129,7 +129,7 @@ class Summary(NamedTuple):
     rides: dict[str, float]
     """Means of the root mean squares of `Comfort`."""
     latencies: tuple[float, float]
-    """Median and 99th percentile per decision, ms, compilation apart."""
+    """Median and 99th percentile per decision, ms, without compilation."""
     failed_plans: int
     failed_fits: int
     oracle_failures: int

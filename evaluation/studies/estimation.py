@@ -71,7 +71,7 @@ def truth(proximity: Proximity) -> Solution:
 
 
 def joint(solution: Solution) -> Float[np.ndarray, "stages 8"]:
-    """Everybody's states side by side."""
+    """All players' states side by side."""
     return np.concatenate(solution.states, axis=1)
 
 

@@ -46,7 +46,7 @@ PARAMETERS = {
         "lane_weight",
     ),
 }
-"""What is estimated of each player beside its discount factor."""
+"""Parameters of each player that are estimated in addition to its discount factor."""
 WEIGHT_RANGE = (0.02, 100.0)
 PRIOR = Prior(theta_deviation=(("goal", 20.0),))
 ALL_PRIOR = Prior(
@@ -76,7 +76,7 @@ def model_of(observation: str, agents: int) -> ObservationModel:
 def observe(
     case: Case, observation: str, std: float, sequence: int, known: int
 ) -> Float[np.ndarray, "K size"]:
-    """A noisy sequence, NaN where nobody was seen and after the first `known` steps."""
+    """A noisy sequence, NaN where no agent was observed and after the first `known` steps."""
     random = np.random.default_rng([sequence, round(std * 1e6), OBSERVATIONS.index(observation)])
     noisy = case.states + std * random.standard_normal(case.states.shape)
     width = 4 if observation == "full" else 2
@@ -120,7 +120,7 @@ def fit(
 def straight(
     case: Case, seen: Float[np.ndarray, "K size"], fitted: int | None = None
 ) -> Float[np.ndarray, "K N 4"]:
-    """Everybody straight on and evenly: least squares through the last `fitted` seen positions."""
+    """All agents at constant velocity: least squares through the last `fitted` observations."""
     states = np.zeros((len(seen), len(case.agents), 4))
     places = seen.reshape(len(seen), len(case.agents), -1)[..., :2]
     for i, walks in enumerate(case.walks):
@@ -136,7 +136,7 @@ def straight(
 
 
 def by_agent(found: Estimate) -> Float[np.ndarray, "K N 4"]:
-    """The estimated states, everybody side by side."""
+    """The estimated states, all players side by side."""
     return np.stack(found.solution.states, axis=1)
 
 

@@ -91,7 +91,7 @@ def recorded_scenes(recording: Recording, part: str) -> Iterator[Scenes]:
 
 
 def _moment(recording: Recording, grid: Grid, frame: int) -> Iterator[Scenes]:
-    """Scenes of a moment: everybody who was seen for long enough is in one, with who is near."""
+    """Scenes of a moment: each agent observed for long enough is in one, with its neighbours."""
     around = frame - (LEAST_OBSERVED - 1) * grid.every, frame + LEAST_PREDICTED * grid.every
     names = [
         track.agent_id
@@ -123,7 +123,7 @@ def _moment(recording: Recording, grid: Grid, frame: int) -> Iterator[Scenes]:
 
 
 def simulated_scenes(row: Row) -> Iterator[Scenes]:
-    """Of an episode as `generation` makes it, with the ego's noise on everybody's states."""
+    """Of an episode as `generation` makes it, with the ego's noise on all agents' states."""
     setting = setting_of(row["place"])
     scene = setting.make().scene
     count, steps, dt = row["players"], row["steps"], row["dt"]

@@ -1,4 +1,4 @@
-"""Data sets of simulated episodes: what was seen, what happened, and the truth that nobody sees."""
+"""Data sets of simulated episodes: observations, true futures and true parameters."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ MOST = OPEN_SEEDS
 
 
 def run_trial(place: str, seed: int) -> Row:
-    """One episode in which everybody plays the game, the ego (the oracle) as well.
+    """One episode in which all agents play the game, the ego (the oracle) as well.
 
     `states` (T+1, N, 4), `controls` (T, N, 2) and `observations` (T, size) are flattened.
     """

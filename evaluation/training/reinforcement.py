@@ -2,7 +2,7 @@
 
 It walks among oracles that follow their open-loop equilibria, many crosswalks at a time. An epoch
 is one rollout of everybody from new beginnings and the updates from it, with random numbers of its
-own: so a training that was killed goes on from its weights alone, to the same end.
+own: so an interrupted training resumes from its weights alone, with the same result.
 
 This module needs the extra `rl`; nothing else does.
 """
@@ -95,7 +95,7 @@ class Crosswalks(VecEnv):
         self._actions = np.asarray(CONTROL_LIMIT * actions, np.float32)
 
     def step_wait(self) -> Any:
-        """Observations, rewards, ends, and what happened."""
+        """Observations, rewards, ends, and information."""
         seen, rewards, terminated, truncated, infos = self._env.step(self._actions)
         over = terminated | truncated
         told: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
@@ -231,7 +231,7 @@ def _actor(model: PPO) -> dict[str, Any]:
 
 
 def _arrays(model: PPO) -> dict[str, Any]:
-    """Weights and the optimiser's moments: all that an epoch goes on from."""
+    """Weights and the optimiser's moments: the state from which an epoch continues."""
     optimiser: Any = model.policy.optimizer
     moments = {}
     for k, weight in enumerate(_weights(model)):

@@ -74,7 +74,7 @@ def gamma_data(episodes: Sequence[Path], part: str) -> GammaExample:
 
 
 def cloning_data(episodes: Sequence[Path], part: str) -> CloningExample:
-    """Steps of crosswalks of two in which nobody collided."""
+    """Steps of crosswalks of two without a collision."""
     found: list[CloningExample] = []
     for folder in episodes:
         for row in episodes_in(folder / part, part):

@@ -1,4 +1,4 @@
-"""Windows of recordings in which agents interact: what predictors are given, and what happened.
+"""Windows of recordings in which agents interact: history and ground truth.
 
 The rule. A window is a moment of a recording and a group of agents:
 
@@ -36,9 +36,9 @@ PREDICTED_SECONDS = 4.0
 NEAR = 5.0
 """Agents that come this close interact, m."""
 LEAST_OBSERVED = 4
-"""Steps, the moment among them, in which everybody has been seen."""
+"""Steps, the moment among them, in which every agent has been observed."""
 LEAST_PREDICTED = 3
-"""Steps after the moment in which everybody is still there."""
+"""Steps after the moment in which every agent is still observed."""
 MOST_AGENTS = 4
 DEVELOPMENT = (
     "07",
@@ -64,7 +64,7 @@ def split_of(recording: str) -> str:
 
 @dataclass(frozen=True, eq=False)
 class PredictionWindow:
-    """A moment of a recording: what is given to predictors, and what happened."""
+    """A moment of a recording: the history given to predictors, and the ground truth."""
 
     recording: str
     agents: tuple[str, ...]
@@ -72,7 +72,7 @@ class PredictionWindow:
     """Of the moment, the last that is given."""
     history: History
     truth: Float[np.ndarray, "P N 2"]
-    """Positions of the steps after it, m; NaN where somebody had left."""
+    """Positions of the steps after it, m; NaN where an agent had left."""
 
     @property
     def present(self) -> Bool[np.ndarray, "P N"]:

@@ -205,7 +205,7 @@ def difference(
 ) -> Float[np.ndarray, "K N 4"]:
     """`states` minus the recorded ones from step `start` on, headings the short way round.
 
-    0 where nobody was seen.
+    0 where no agent was observed.
     """
     true = case.states[start : start + len(states)]
     gap: Any = states - true

@@ -22,13 +22,13 @@ def recorded_setting(
     """The setting of a recorded window: states where it begins, goals where each is seen last.
 
     Args:
-        window: everybody is seen in its first frame.
+        window: every agent is observed in its first frame.
         region: what is forbidden there.
         lanes: per agent; None fits each car's lane to its own track in the window, which tells a
             predictor where the car will go: pass lanes fitted to earlier traffic for predictions.
 
     Raises:
-        ValueError: `lanes` of another length, somebody missing in the first frame, a car standing
+        ValueError: `lanes` of another length, an agent missing in the first frame, a car standing
             there with no heading stated, or a track that no lane fits.
     """
     if lanes is not None and len(lanes) != len(window.agents):
@@ -39,7 +39,7 @@ def recorded_setting(
     if missing:
         raise ValueError(
             f"window: {', '.join(missing)} not seen in its first frame, {window.frames[0]}; begin "
-            "it where everybody is there"
+            "it where all agents are present"
         )
     last = [int(np.flatnonzero(seen)[-1]) for seen in window.present.T]
     places = window.states[:, :, :2]

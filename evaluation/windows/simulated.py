@@ -1,6 +1,6 @@
-"""Windows of simulated episodes for predictors: what an ego would have seen, and what happened.
+"""Windows of simulated episodes for predictors: an ego's observations and the ground truth.
 
-Everybody plays the game, the ego as well. Steps are as long as those of recorded windows, about
+All agents play the game, the ego as well. Steps are as long as those of recorded windows, about
 `STEP_SECONDS`, so that predictors meet them as they meet people.
 """
 

@@ -1,4 +1,4 @@
-"""What is known of recorded windows whoever predicts them: a table beside the results.
+"""Properties of recorded windows, whatever the predictor: a table next to the results.
 
 A failed trial has no columns of its own, and a report is to be made without the recordings.
 """

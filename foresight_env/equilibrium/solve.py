@@ -217,9 +217,10 @@ def _solve_traced(
     return to_solution(layout, equilibrium(layout, options, parameters, start), parameters)
 
 
+@no_type_check
 def shift(solution: Solution) -> Solution:
     """The solution one stage later, its last stage repeated: a warm start for the next step."""
-
+    check_kinds(solution=(solution, Solution))
     if solution.point.x.ndim != 2:
         raise ValueError(
             f"solution: holds {len(solution.point.x)} games; shift one, or `jax.vmap(shift)` them"
@@ -309,6 +310,11 @@ def check_guess(layout: Layout, initial_guess: Any) -> Iterate | AnyArray | None
         check_iterate(layout, point)
         return point
     shapes = tuple((horizon, m) for m in layout.game.control_sizes)
+    if not isinstance(initial_guess, Sequence) and not np.ndim(initial_guess):
+        raise ValueError(
+            f"initial_guess: is {initial_guess!r}; expected a Solution, or controls of shapes "
+            f"{shapes}"
+        )
     given = tuple(np.shape(c) for c in initial_guess)
     if given != shapes:
         raise ValueError(f"initial_guess: controls of shapes {given}; expected {shapes}")

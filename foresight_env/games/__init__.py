@@ -1,4 +1,4 @@
-"""What a game is: dynamics, stage costs, discounting, constraints, observation models."""
+"""Games: dynamics, stage costs, discounting, constraints, observation models."""
 
 from foresight_env.games.conflict import Body, Conflict
 from foresight_env.games.constraints import (

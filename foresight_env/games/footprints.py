@@ -122,7 +122,7 @@ def least_gaps(
 ) -> Float[np.ndarray, "N N"]:
     """Smallest gaps (m) during a step between all pairs that are `counted`; infinite for others.
 
-    A pair that is certainly farther apart than both agents are from somebody else has a lower bound
+    A pair that is certainly farther apart than both agents are from a third has a lower bound
     of its gap: what is nearest to each agent is exact.
     """
     count = len(motions)

@@ -12,7 +12,7 @@ from typing import Any, Protocol, runtime_checkable
 
 
 class PermutationInvariant:
-    """Base of costs and constraints that treat all players alike; the default is not to.
+    """Base of costs and constraints that treat all players identically; the default is not to.
 
     It is a promise about the class that names this base. A class derived from that one which
     computes something else, and neither names this base nor overrides `distinguishes`, is taken to
@@ -29,7 +29,7 @@ class PermutationInvariant:
     def distinguishes(self, i: int, j: int) -> bool:
         """Whether it is another function for player i than for player j.
 
-        Both see themselves and, in their order, everybody else.
+        Both see themselves and, in their order, all others.
         """
         return False
 

@@ -1,4 +1,4 @@
-"""Which way a car is likely to go on, from where it has been: what roads tell everybody."""
+"""Likely route of a car, from its recent track and the roads."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The four scenes: roads, everybody's journey, and how an episode is drawn around them."""
+"""The four scenes: roads, every car's route, and how an episode is drawn around them."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class DrivingScene:
 
     @cached_property
     def paths(self) -> Float[np.ndarray, "cars M 4"]:
-        """Everybody's path, in our axes."""
+        """Every car's path, in our axes."""
         return np.stack([path_along(self.network, j.legs) for j in self.journeys])
 
 
@@ -120,7 +120,7 @@ _RING_LENGTHS = np.radians(42.0) * 24.0, np.radians(48.0) * 24.0
 def _around(arm: str, exit: str, start: float) -> tuple[Leg, ...]:
     """Into the roundabout from one arm, to another's exit; arms are s, e, n, w.
 
-    Entering and leaving begin before the lanes meet, so that nobody has to turn sharply.
+    Entering and leaving begin before the lanes meet, so that no car has to turn sharply.
     """
     ring = list(_ROUND)
     first = next(k for k, lane in enumerate(ring) if lane[0] == f"{arm}e")

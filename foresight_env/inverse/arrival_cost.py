@@ -24,7 +24,7 @@ a condition number at which an inverse is not positive definite any more."""
 
 
 class ProcessNoise(NamedTuple):
-    """Standard deviations by which beliefs widen over one window."""
+    """Standard deviations by which beliefs widen over one window; `benchmarks.online` measures."""
 
     gamma: float = 0.2
     theta: float = 0.3

@@ -13,6 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from foresight_env.annotations import no_type_check
+from foresight_env.equilibrium.checks.validation import check_kinds
 from foresight_env.equilibrium.conditions.layout import layout_of
 from foresight_env.equilibrium.settings import Budget, SolverOptions
 from foresight_env.equilibrium.solve import Solution
@@ -32,7 +34,7 @@ from foresight_env.inverse.window_fit import WindowFit, moved_along, rates_of
 
 @dataclass(frozen=True)
 class DoubtSettings:
-    """Thresholds of the search for another equilibrium."""
+    """Thresholds of the search for another equilibrium; `benchmarks.online` measures with them."""
 
     plausible: float = 1.5
     """Reduced chi-squared up to which none is: of 30 degrees of freedom, noise alone leaves more
@@ -119,6 +121,7 @@ class MovingHorizonState(NamedTuple):
         )
 
 
+@no_type_check
 @dataclass(frozen=True, eq=False)
 class MovingHorizonEstimator:
     """Moving-horizon estimator of game parameters; its state travels in `MovingHorizonState`.
@@ -148,6 +151,18 @@ class MovingHorizonEstimator:
         max_iterations=8, cost_tolerance=1e-3, smoothing=(3e-2,), tracking_weights=()
     )
     """Of fits that take more than one game."""
+
+    def __post_init__(self) -> None:
+        check_kinds(
+            game=(self.game, Game),
+            model=(self.model, ObservationModel),
+            free=(self.free, Free, tuple, list),
+            prior=(self.prior, Prior),
+            process_noise=(self.process_noise, ProcessNoise),
+            budget=(self.budget, Budget),
+            options=(self.options, SolverOptions, type(None)),
+            method=(self.method, GaussNewton),
+        )
 
     def init(self, theta: Sequence[Theta], gamma: Any) -> MovingHorizonState:
         """Return the first state; `theta` and `gamma` are fixed values or first guesses."""

@@ -57,7 +57,8 @@ EFFORT = 0.1
 INVERSE_STEPS = 5
 """Gauss-Newton steps per stage from states to the controls between them."""
 KEPT = 1e-3
-"""Weight of the controls of before, and of entries that are not observed, beside observed ones."""
+"""Weight of the previous controls, and of entries that are not observed, relative to observed
+entries."""
 
 
 def track(problem: Problem, data: Data, parameters: Parameters) -> Float[Array, "T m"]:

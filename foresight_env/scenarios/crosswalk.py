@@ -158,7 +158,7 @@ HEATMAP = Setting(
 def nominal_setting(players: int) -> Setting:
     """Where `players` agents (2 to 6) cross: the Monte Carlo setting, or evenly around a circle.
 
-    On the circle neighbours start at least 1.6 m apart and everybody's goal lies opposite.
+    On the circle neighbours start at least 1.6 m apart and every goal lies opposite.
     """
     if not 2 <= players <= 6:
         raise ValueError(f"players: is {players}; a crosswalk has 2 to 6")

@@ -24,7 +24,7 @@ HORIZON = 11
 ACCELERATION_LIMIT = 5.0
 """m/s^2, to both sides: highway-env's continuous actions."""
 STEERING_LIMIT = 0.6
-"""rad. highway-env allows pi/4; nobody turns as sharply at speed."""
+"""rad. highway-env allows pi/4; cars do not turn as sharply at speed."""
 SPEED_LIMIT = SIMULATED_CAR.speed_limit
 """m/s; cars do not reverse."""
 

@@ -82,10 +82,10 @@ class Crowding(PermutationInvariant):
         return tuple(d for j, d in enumerate(self.wanted[i]) if j != i)
 
 
-def player_theta(kind: str, wish: Any) -> dict[str, Any]:
+def player_theta(kind: str, preferred_motion: Any) -> dict[str, Any]:
     """One player's parameters: what it would keep, and the weights of its costs.
 
-    `wish`: the velocity (2,) of people, `(speed, curvature)` of vehicles.
+    `preferred_motion`: the velocity (2,) of people, `(speed, curvature)` of vehicles.
     """
     weights = {
         "cruise_weight": CRUISE_WEIGHT,
@@ -93,13 +93,13 @@ def player_theta(kind: str, wish: Any) -> dict[str, Any]:
         "collision_weight": COLLISION_WEIGHT,
     }
     if is_vehicle(kind):
-        speed, curvature = wish
+        speed, curvature = preferred_motion
         return {**weights, "speed": speed, "curvature": curvature, "turn_weight": TURN_WEIGHT}
-    return {**weights, "velocity": wish}
+    return {**weights, "velocity": preferred_motion}
 
 
 ALONE_UNREAD = ("collision_weight",)
-"""Entries of `theta` that nothing reads where an agent meets nobody."""
+"""Entries of `theta` that nothing reads of an agent that meets no other."""
 
 
 @lru_cache(maxsize=64)

@@ -127,6 +127,7 @@ THETA = crossing_theta()
             {"initial_guess": (np.zeros((8, 2)), np.zeros((7, 2)))},
             "initial_guess: controls of shapes",
         ),
+        ({"initial_guess": 3}, "initial_guess: is 3; expected a Solution"),
     ],
     ids=lambda v: next(iter(v)) if isinstance(v, dict) else "",
 )

@@ -213,6 +213,10 @@ def test_errors_name_the_argument():
         estimator(window=HORIZON + 1).init(theta, gamma)
     with pytest.raises(ValueError, match=r"budget\.fits: is 0; expected at least 1"):
         Budget(fits=0)
+    with pytest.raises(ValueError, match="budget: is 'realtime', not made by calling Budget"):
+        estimator(budget="realtime")
+    with pytest.raises(ValueError, match=r"options: is \{\}, not made by calling SolverOptions"):
+        estimator(options={})
 
 
 def test_tracking_updates_take_few_steps_and_continue_the_last_one():

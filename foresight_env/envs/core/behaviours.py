@@ -1,6 +1,6 @@
 """What uncontrolled agents do: they play an equilibrium of the game, or anything else one adds.
 
-A behaviour sees the true states of everybody, once per step, and answers with controls. The two
+A behaviour gets the true states of all agents, once per step, and answers with controls. The two
 here are the *oracle*: they know every player's true parameters.
 """
 
@@ -167,7 +167,7 @@ class Receding(_Oracle):
     """Re-solves the game of all players at every step and plays the first stage of the solution.
 
     Each solve starts from the previous solution, shifted by one stage. When it fails, the shifted
-    plan is played on; without one, everybody brakes to rest.
+    plan is played on; without one, all agents brake to rest.
     """
 
     def __init__(self, setting: BehaviourSetting) -> None:
@@ -182,7 +182,7 @@ class Receding(_Oracle):
 class OpenLoop(_Oracle):
     """Solves the game over the whole episode once, at its first step, and follows the plan.
 
-    When that solve fails, everybody brakes to rest and stays there.
+    When that solve fails, all agents brake to rest and stay there.
     """
 
     def __init__(self, setting: BehaviourSetting) -> None:

@@ -52,7 +52,7 @@ def check_proximity(value: Any) -> Proximity:
 
 
 def check_controlled(controlled: Any, players: int) -> tuple[int, ...]:
-    """Indices of controlled players in ascending order; None and "all" mean everybody."""
+    """Indices of controlled players in ascending order; None and "all" mean all players."""
     if controlled is None or controlled == "all":
         return tuple(range(players))
     cure = f"expected different indices from 0 to {players - 1}, at least one, or 'all'"
@@ -72,7 +72,7 @@ def check_controlled(controlled: Any, players: int) -> tuple[int, ...]:
 
 
 def check_behaviour(behaviour: Any) -> BehaviourFactory:
-    """A behaviour by name, or a factory of one's own."""
+    """A behaviour by name, or a user's factory."""
     if callable(behaviour):
         factory: BehaviourFactory = behaviour
         return factory
@@ -132,7 +132,7 @@ def check_positions(name: str, value: Any, world: World) -> Float[np.ndarray, "N
 
 
 def check_states(name: str, value: Any, world: World) -> Float[np.ndarray, "N n"]:
-    """Initial states: places that are shown, legal speeds, nobody overlapping or off the road."""
+    """Initial states: places that are shown, legal speeds, no overlap, on the road."""
     states = _numbers(name, value, world.shown_low.shape)
     check_positions(name, states[:, :2], world)
     game = world.game(1)

@@ -66,7 +66,7 @@ def braking(game: Game, player: int, state: Float[np.ndarray, "n"]) -> Float[np.
 
 
 def brake(game: Game, states: Float[np.ndarray, "N n"]) -> Float[np.ndarray, "N m"]:
-    """Controls that bring everybody to rest as fast as the limits allow; nobody steers."""
+    """Controls that bring all agents to rest as fast as the limits allow, without steering."""
     controls = np.stack([braking(game, i, state) for i, state in enumerate(states)])
     return applicable(game, states, controls)
 

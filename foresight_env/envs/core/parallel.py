@@ -160,7 +160,7 @@ class WorldParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
 
     @no_type_check
     def step(self, actions: dict[str, np.ndarray]) -> Results:
-        """Move everybody by one step."""
+        """Move all agents by one step."""
         episode = self._episode
         if episode is None or not self.agents:
             raise ResetNeeded("step: there is no episode, or it has ended; call reset first")
@@ -190,7 +190,7 @@ class WorldParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
         )
 
     def _uncontrolled(self, episode: Episode) -> Float[np.ndarray, "N m"]:
-        """Controls of everybody by the behaviour; zeros when there is none."""
+        """Controls of all agents by the behaviour; zeros when there is none."""
         if self._behaviour is None:
             return np.zeros_like(episode.controls)
         controls = np.array(self._behaviour.act(episode.states.copy()), dtype=float)

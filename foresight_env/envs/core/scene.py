@@ -81,7 +81,7 @@ class OpponentPrior(NamedTuple):
         [dict[str, Any], Float[np.ndarray, "K 2"], Float[np.ndarray, "4"]], dict[str, Any]
     ]
     """From the ego's own `theta`, the other's recent positions (the newest last, m) and its present
-    state: the other's `theta`. What is not in `free` may be guessed anew at every step."""
+    state: the other's `theta`. What is not in `free` may be guessed again at every step."""
 
 
 def _stays(
@@ -112,7 +112,7 @@ class Scene:
     goal_radius: tuple[float, ...]
     """Per player, distance from its goal within which an agent has reached it, m."""
     opponent_prior: OpponentPrior = field(default=GOALS, repr=False)
-    """What everybody may believe of others."""
+    """What every agent may assume of others."""
     _own: Mapping[int, Own] = field(default_factory=dict, repr=False)
 
     @property

@@ -52,7 +52,7 @@ class SingleAgentEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     def step(
         self, action: Float[np.ndarray, "2"]
     ) -> tuple[Float32[np.ndarray, "size"], float, bool, bool, Info]:
-        """Move everybody by one step."""
+        """Move all agents by one step."""
         seen, rewards, terminated, truncated, infos = self._world.step({self._ego: action})
         ego = self._ego
         return seen[ego], rewards[ego], terminated[ego], truncated[ego], infos[ego]
@@ -72,5 +72,5 @@ class SingleAgentEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
 
 def single_metadata(parallel: type[WorldParallelEnv]) -> dict[str, Any]:
-    """What a Gymnasium environment tells of its parallel one."""
+    """Metadata of a Gymnasium environment from its parallel one."""
     return {name: parallel.metadata[name] for name in ("render_modes", "render_fps")}

@@ -24,7 +24,7 @@ during that step, infinite for pairs that may touch."""
 
 
 def nobody(states: Float[np.ndarray, "N n"]) -> Bool[np.ndarray, "N"]:
-    """Where there is no road, nobody leaves it."""
+    """No agent is off the road where there is none."""
     return np.zeros(len(states), dtype=bool)
 
 
@@ -49,7 +49,7 @@ class World:
     opponent_prior: OpponentPrior = GOALS
     """What agents may believe of others."""
     off_road: Callable[[Float[np.ndarray, "N n"]], Bool[np.ndarray, "N"]] = nobody
-    """Who is where nobody may be."""
+    """Agents that are off the road."""
 
     @property
     def players(self) -> int:
@@ -58,7 +58,7 @@ class World:
 
     @property
     def turns(self) -> Bool[np.ndarray, "N"]:
-        """Whose states end with a heading: whoever is longer than wide."""
+        """Players whose states end with a heading: those with a length and a width."""
         return np.array([footprint.length > 0.0 for footprint in self.footprints])
 
     def parameters(self) -> tuple[dict[str, tuple[int, ...]], ...]:

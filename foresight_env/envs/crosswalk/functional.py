@@ -101,7 +101,7 @@ class Outcome(NamedTuple):
     """What a step brought."""
 
     cost: Float[AnyArray, "N"]
-    """Of everybody, undiscounted; the ego's reward is minus its own."""
+    """Of all players, undiscounted; the ego's reward is minus its own."""
     terminated: Bool[AnyArray, ""]
     truncated: Bool[AnyArray, ""]
 
@@ -157,7 +157,7 @@ def begin(setting: CrosswalkSetting, episode_parameters: EpisodeParameters) -> P
 def advance(
     setting: CrosswalkSetting, planned: Planned, action: Float[AnyArray, "2"]
 ) -> tuple[Planned, Outcome]:
-    """One step: the ego's action (m/s^2), and everybody else's part of the plan."""
+    """One step: the ego's action (m/s^2), and all others' part of the plan."""
     if setting.behaviour == "receding":
         solution = _solved(setting, planned.state, planned.plan)
         fine = solution.status == Status.SOLVED
@@ -181,14 +181,14 @@ def _solved(
 
 
 def braking(states: Float[AnyArray, "N 4"]) -> Float[Array, "N 2"]:
-    """Controls (m/s^2) that bring everybody to rest as fast as the limits allow."""
+    """Controls (m/s^2) that bring all players to rest as fast as the limits allow."""
     return jnp.clip(-states[:, 2:] / DT, -CONTROL_LIMIT, CONTROL_LIMIT)
 
 
 def move(
     setting: CrosswalkSetting, state: CrosswalkState, wanted: Float[AnyArray, "N 2"]
 ) -> tuple[CrosswalkState, Outcome]:
-    """Everybody's controls (m/s^2), reduced to the limits, for one step."""
+    """All players' controls (m/s^2), reduced to the limits, for one step."""
     game, before = setting.game, state.states
     bounded = jnp.clip(wanted, -CONTROL_LIMIT, CONTROL_LIMIT)
     reach = (-SPEED_LIMIT - before[:, 2:]) / DT, (SPEED_LIMIT - before[:, 2:]) / DT
@@ -236,7 +236,7 @@ def observe(
 def seen(
     setting: CrosswalkSetting, state: CrosswalkState, noise: Float[AnyArray, "sensed"]
 ) -> Float[Array, "size"]:
-    """What the ego sees with this noise (m, m/s): everybody, then its own goal."""
+    """What the ego sees with this noise (m, m/s): all players, then its own goal."""
     limits = np.array([POSITION_LIMIT] * 2 + [VELOCITY_LIMIT] * 2)[: setting.shown]
     limit = np.concatenate([np.tile(limits, setting.players), limits[:2]])
     exact = state.states[:, : setting.shown].ravel() + noise

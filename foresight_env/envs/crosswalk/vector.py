@@ -6,7 +6,7 @@ games are solved in one batch. An environment whose episode has ended begins a n
 step, whose action it ignores (`AutoresetMode.NEXT_STEP`), or, as learners like it, in the same step
 (`AutoresetMode.SAME_STEP`): its last observation is then in `infos["final_obs"]`.
 
-Not here: rendering, behaviours of one's own, and the others' plans in the information. Wrong
+Not here: rendering, custom behaviours, and the others' plans in the information. Wrong
 actions raise `ValueError` before anything changes.
 """
 
@@ -212,7 +212,7 @@ class CrosswalkVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         Bool[np.ndarray, "B"],
         Infos,
     ]:
-        """Move all episodes by one step; those that had ended begin anew."""
+        """Move all episodes by one step; those that had ended are reset."""
         if self._state is None:
             raise ResetNeeded("step: there are no episodes; call reset first")
         requested = self._checked(actions)
@@ -298,7 +298,7 @@ class CrosswalkVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
 
 def _masked(infos: Infos, there: Bool[np.ndarray, "B"]) -> Infos:
-    """With who has what beside it; zero where an environment has nothing."""
+    """Values and a mask of the environments that have one; zero where there is none."""
     for value in infos.values():
         if isinstance(value, np.ndarray):
             value[~there] = 0

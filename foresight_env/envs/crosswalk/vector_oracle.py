@@ -41,7 +41,7 @@ class VectorOracle:
         self.failures[places] = 0
 
     def act(self, state: CrosswalkState, live: Bool[np.ndarray, "B"]) -> Float[np.ndarray, "B N 2"]:
-        """Controls of everybody (m/s^2) where `live`; only read where `known`."""
+        """Controls of all players (m/s^2) where `live`; only read where `known`."""
         if self._receding:
             return self._receding_controls(state, live)
         fresh = np.flatnonzero(live & (self.status == NOTHING_SOLVED))

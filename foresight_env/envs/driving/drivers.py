@@ -45,7 +45,7 @@ class IdmDrivers(_Planless):
         self._vehicles: list[IDMVehicle] = []
 
     def reset(self, episode_parameters: EpisodeParameters) -> None:
-        """Put everybody on the road, with its journey and target speed."""
+        """Put all cars on the road, with its journey and target speed."""
         scene, states = self._scene, flipped_states(episode_parameters.initial_state)
         road = Road(scene.network, [], np_random=np.random.RandomState(0))
         self._vehicles = []
@@ -85,7 +85,7 @@ class RecordedDrivers(_Planless):
     """Cars that follow recorded tracks, whatever the others do; they brake where a track ends."""
 
     def __init__(self, tracks: Float[np.ndarray, "K N 2"], dt: float) -> None:
-        """`tracks`: positions at every step, m; NaN for cars that somebody else drives."""
+        """`tracks`: positions at every step, m; NaN for cars that are driven otherwise."""
         self._tracks, self._dt, self._step = tracks, dt, 0
 
     def reset(self, episode_parameters: EpisodeParameters) -> None:
@@ -138,7 +138,7 @@ class MixedDrivers:
         return self._all[0].plan(states) if len(self._all) == 1 else None
 
     def reset(self, episode_parameters: EpisodeParameters) -> None:
-        """Begin an episode for everybody."""
+        """Begin an episode for all cars."""
         for behaviour in self._all:
             behaviour.reset(episode_parameters)
 

@@ -14,7 +14,7 @@
 Every car has a journey: a path along the lanes of a road network, a target speed and a goal on the
 path. Player i weighs what it pays t steps ahead with `gamma_i ** t`. The user controls some of
 them; of the others each plays an equilibrium of the game between all (`scenarios.driving`), or is
-one of highway-env's IDM/MOBIL vehicles, or follows a recorded track. Nobody is told the discount
+one of highway-env's IDM/MOBIL vehicles, or follows a recorded track. No agent observes the discount
 factors, journeys and weights of the others. Car 0 has the manoeuvre that the scene is named after:
 
 - `left_turn`: an unprotected left turn at a four-arm crossing, among oncoming cars; 50 steps.
@@ -49,7 +49,7 @@ the distances `d` (m) of the two discs that cover the agent to those of all othe
 An agent that maximises the return discounted by `gamma_i` plays the game of the others.
 
 **End of an episode**, common to all agents. Terminated: a controlled agent collided (its 5 x 2 m
-box overlaps another's at some moment of a step, in which everybody moves straight on and turns
+box overlaps another's at some moment of a step, in which all cars move straight on and turns
 evenly; found to 1 cm), or left the road (its middle is more than 1 m outside every lane), or
 every controlled agent has been within 4 m of its goal at the end of a step. Truncated: `max_steps`
 without any of these. Afterwards `agents` is empty and `step` raises `gymnasium.error.ResetNeeded`.
@@ -58,7 +58,7 @@ without any of these. Afterwards `agents` is empty and `step` raises `gymnasium.
 
 - `scene="left_turn"`: or `"merge"`, `"lane_change"`, `"roundabout"`.
 - `cars=4`: 2 to 6, in the order of `highway.scenes`.
-- `controlled=(0,)`: indices of the cars that the user controls; None or `"all"`: everybody.
+- `controlled=(0,)`: indices of the cars that the user controls; None or `"all"`: all.
 - `behaviour="receding"`: what the others do. `"receding"` solves the game of all cars, true
   parameters and true states, at every step; `"open_loop"` solves it once, over `max_steps` stages,
   and follows that plan; when a solve fails, the previous plan is followed, and without one they
@@ -82,7 +82,7 @@ the ones before it took.
 
 **Information** of each agent, and the only place of ground truth: `state` (N, 4), `gamma` (N,),
 `theta` (`goal` (N, 2), `path` (N, M, 4), target speeds, weights and distances (N,)), `controls`
-(N, 2) applied by everybody in the last step, `applied_action` (2,) of this agent, `min_distance`
+(N, 2) applied by all cars in the last step, `applied_action` (2,) of this agent, `min_distance`
 (m; the smallest gap so far between its box and another's, negative where they overlapped),
 `collision` and `off_road` (of this agent), `goal_reached`, `is_success` (goal reached, no
 collision, on the road), `solver_status` (`equilibrium.Status`; -1 while nothing was solved),

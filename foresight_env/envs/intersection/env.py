@@ -26,7 +26,7 @@ m/s and do not reverse. The applied control is the nearest that keeps the next v
 outside the space.
 
 **Observations.** Of each pedestrian `[px, py, vx, vy]` and of each car `[px, py, v, psi]`
-(`"full"`), or `[px, py]` of everybody (`"positions"`), in m, m/s and rad: the agent itself first,
+(`"full"`), or `[px, py]` of all (`"positions"`), in m, m/s and rad: the agent itself first,
 then the others in the order of their indices, all with independent Gaussian noise; then the
 agent's own goal `[gx, gy]`, exact. Headings are not wrapped. What would lie outside the space is
 clipped.
@@ -45,7 +45,7 @@ each road side (m). An agent that maximises the return discounted by `gamma_i` p
 the others.
 
 **End of an episode**, common to all agents. Terminated: a controlled agent collided (its
-footprint overlaps another's at some moment of a step, in which everybody moves straight on and
+footprint overlaps another's at some moment of a step, in which all agents move straight on and
 turns evenly; found to 1 cm; pedestrians are discs of 0.25 m radius, cars boxes of 4.5 x 1.8 m
 around their position; two pedestrians may touch), or left the road by more than 0.1 m
 (pedestrians only when inside a corner), or every controlled agent has been near its goal at the
@@ -56,7 +56,7 @@ Afterwards `agents` is empty and `step` raises `gymnasium.error.ResetNeeded`.
 
 - `pedestrians=2`, `cars=2`: how many of each, 1 to 4. Pedestrians are the first players.
 - `controlled="first car"`: indices of those that the user controls; or `"first car"`, `None` or
-  `"all"` for everybody.
+  `"all"` for all.
 - `behaviour="receding"`: what the others do. `"receding"` solves the game of all players, true
   parameters and true states, at every step; `"open_loop"` solves it once, over `max_steps` stages,
   and follows that plan. When a solve fails, the previous plan is followed;
@@ -77,7 +77,7 @@ the ones before it took.
 
 **Information** of each agent, and the only place of ground truth: `state` (N, 4), `gamma` (N,),
 `theta` (`goal` (N, 2), distances and weights (N,), 0 where a player has none), `controls` (N,
-2) applied by everybody in the last step, `applied_action` (2,) of this agent, `min_distance` (m;
+2) applied by all agents in the last step, `applied_action` (2,) of this agent, `min_distance` (m;
 the smallest gap so far between its footprint and another's, negative where they overlapped),
 `collision` and `off_road` (of this agent), `goal_reached`, `is_success` (goal reached, no
 collision, on the road), `solver_status` (`equilibrium.Status`; -1 while nothing was solved),

@@ -105,7 +105,7 @@ class Renderer:
 
 
 def _check_display(driver: str) -> None:
-    """Where there is no display, SDL may draw into memory, and nobody would see the window."""
+    """Where there is no display, SDL may draw into memory, and the window would be invisible."""
     wanted = os.environ.get("SDL_VIDEODRIVER", "").split(",")
     if driver in ("dummy", "offscreen") and driver not in wanted:
         pygame.display.quit()

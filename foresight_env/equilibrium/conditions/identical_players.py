@@ -24,7 +24,7 @@ from foresight_env.games.permutation import Parametric, distinguishes
 from foresight_env.games.types import ConstraintFunction, CostFunction, Theta
 
 
-class Peers(NamedTuple):
+class IdenticalPlayers(NamedTuple):
     """A run of identical players with their common costs and constraints."""
 
     members: range
@@ -47,7 +47,7 @@ class Peers(NamedTuple):
         return self.members.start
 
 
-def peers_of(layout: Layout, thetas: tuple[Theta, ...]) -> tuple[Peers, ...]:
+def identical_players(layout: Layout, thetas: tuple[Theta, ...]) -> tuple[IdenticalPlayers, ...]:
     """Return every cost and constraint once, with the identical players that have it.
 
     Identical players are neighbours with parameters of the same shapes.
@@ -56,11 +56,11 @@ def peers_of(layout: Layout, thetas: tuple[Theta, ...]) -> tuple[Peers, ...]:
         (jax.tree.structure(theta), tuple(np.shape(v) for v in jax.tree.leaves(theta)))
         for theta in thetas
     )
-    return _peers(layout, shapes)
+    return _identical_players(layout, shapes)
 
 
 @lru_cache(maxsize=256)
-def _peers(layout: Layout, shapes: tuple[Any, ...]) -> tuple[Peers, ...]:
+def _identical_players(layout: Layout, shapes: tuple[Any, ...]) -> tuple[IdenticalPlayers, ...]:
     game = layout.game
     owners: dict[_Part, list[int]] = {}
     originals: dict[tuple[_Part, int], Any] = {}
@@ -120,7 +120,7 @@ def _together(
     parts: list[_Part],
     rows: dict[tuple[_Part, int], range],
     originals: dict[tuple[_Part, int], Any],
-) -> Peers:
+) -> IdenticalPlayers:
     costs, undiscounted, constraints = (
         [part for part in parts if part.kind == kind] for kind in _KINDS
     )
@@ -136,7 +136,7 @@ def _together(
         order.insert(members.start, i)
         for j, seen in zip(everyone, order, strict=True):
             view[number, entries[j]] = entries[seen]
-    return Peers(
+    return IdenticalPlayers(
         members,
         tuple(part.function for part in costs),
         tuple(part.function for part in undiscounted),

@@ -15,12 +15,12 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from foresight_env.equilibrium.conditions.identical_players import (
-    Peers,
+    IdenticalPlayers,
     block_diagonal,
+    identical_players,
     in_place,
     inputs_of,
     moving_alike,
-    peers_of,
     spread,
     stack,
 )
@@ -38,8 +38,8 @@ from foresight_env.games.dynamics import Dynamics
 from foresight_env.games.types import Controls, CostFunction, Scalar, States, Theta
 
 Stage = tuple[States, Controls]
-"""Everybody's states and controls of one stage. Costs are differentiated by these parts, not by the
-stage vector: every slice of that would become a padded sum."""
+"""All players' states and controls of one stage. Costs are differentiated by these parts, not by
+the stage vector: every slice of that would become a padded sum."""
 
 
 class Linearisation(NamedTuple):
@@ -110,8 +110,8 @@ def _with_jacobian(function: Callable[[Array], Array], at: Array) -> tuple[Array
     return jax.jacfwd(lambda v: (function(v),) * 2, has_aux=True)(at)
 
 
-def _rows(these: Peers, t: Array, stage: Stage, theta: Theta) -> Array:
-    """A peer's own constraint rows."""
+def _rows(these: IdenticalPlayers, t: Array, stage: Stage, theta: Theta) -> Array:
+    """A player's own constraint rows."""
     values = [as_rows(g(these.first, t, *stage, theta)) for g in these.constraints]
     return jnp.concatenate(values)
 
@@ -156,7 +156,7 @@ def _weights(layout: Layout, point: Iterate, parameters: Parameters) -> _Weights
 
 
 class _Member(NamedTuple):
-    """What a peer's Lagrangian depends on, but for the stage vector."""
+    """What a player's Lagrangian depends on, but for the stage vector."""
 
     own: Theta
     numbers: tuple[Any, ...]
@@ -167,7 +167,12 @@ class _Member(NamedTuple):
 
 
 def _lagrangian(
-    these: Peers, t: Array, now: Stage, at: Stage, member: _Member, convexity: Scalar | None
+    these: IdenticalPlayers,
+    t: Array,
+    now: Stage,
+    at: Stage,
+    member: _Member,
+    convexity: Scalar | None,
 ) -> Scalar:
     """A member's, without shared constraints."""
     own, numbers, scale, price = member
@@ -185,7 +190,13 @@ def _lagrangian(
 
 
 def _views(
-    layout: Layout, these: Peers, own: Theta, w: Array, scale: Array, mult: Array, share: Array
+    layout: Layout,
+    these: IdenticalPlayers,
+    own: Theta,
+    w: Array,
+    scale: Array,
+    mult: Array,
+    share: Array,
 ) -> tuple[Array, _Member]:
     """Stage vectors as the members see them, and what else their Lagrangians depend on."""
     numbered = np.array(these.members)
@@ -206,10 +217,10 @@ def first_order(layout: Layout, point: Iterate, parameters: Parameters) -> First
     theta = parameters.theta
     weights = _weights(layout, point, parameters)
     mult = split(layout, point.mult)
-    peers = [(these, stack(theta, these.members)) for these in peers_of(layout, theta)]
+    groups = [(these, stack(theta, these.members)) for these in identical_players(layout, theta)]
 
     def own_part(these, t, w, member):
-        """A peer's gradient (own,) and its constraint rows."""
+        """A player's gradient (own,) and its constraint rows."""
         at = layout.split(w)
         i = these.first
 
@@ -224,7 +235,7 @@ def first_order(layout: Layout, point: Iterate, parameters: Parameters) -> First
     def stage(t, w, scale, mult, share):
         gradient = jnp.zeros_like(w)
         numbers, values = [np.arange(0)], [jnp.zeros(0, w.dtype)]
-        for these, own in peers:
+        for these, own in groups:
             seen, members = _views(layout, these, own, w, scale, mult, share)
             slopes, rows = jax.vmap(partial(own_part, these, t))(seen, members)
             gradient += in_place(layout, these.members, slopes)
@@ -267,10 +278,10 @@ def linearise(
     previous = jnp.concatenate([parameters.initial_state[None], point.x[:-1]])
     w = jnp.concatenate([point.x, point.u], axis=1)
 
-    peers = [(these, stack(theta, these.members)) for these in peers_of(layout, theta)]
+    groups = [(these, stack(theta, these.members)) for these in identical_players(layout, theta)]
 
     def own_part(these, t, w, member, back):
-        """A peer's gradient (own,) and Hessian rows (own, w) of its own entries of `w`.
+        """A player's gradient (own,) and Hessian rows (own, w) of its own entries of `w`.
 
         The Hessian is symmetric: its rows are its columns, each the change of the whole gradient in
         one of the player's own directions.
@@ -315,7 +326,7 @@ def linearise(
         gradient, hessian = jnp.zeros_like(w), jnp.zeros((w.size, w.size), w.dtype)
         numbers, values = [np.arange(0)], [jnp.zeros(0, w.dtype)]
         jacobians = [jnp.zeros((0, w.size), w.dtype)]
-        for these, own in peers:
+        for these, own in groups:
             back = jnp.asarray(these.back)
             seen, members = _views(layout, these, own, w, scale, mult, share)
             slopes, curves = jax.vmap(partial(own_part, these, t))(seen, members, back)

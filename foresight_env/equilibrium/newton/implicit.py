@@ -63,7 +63,7 @@ class Equilibrium(NamedTuple):
     began: Bool[Array, ""] | None = None
     """Whether the first interior-point phase began; else something was not finite at its start."""
     evaluation: Evaluation | None = None
-    """At the point, with all curvature: for derivatives. None where nobody takes any."""
+    """At the point, with all curvature: for derivatives. None where none are taken."""
 
 
 def result_of(state: PhaseState, iterations: Int[Array, ""], accuracy: Accuracy) -> Equilibrium:

@@ -15,8 +15,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from foresight_env.annotations import no_type_check
 from foresight_env.compilation import compiled
-from foresight_env.equilibrium.checks.validation import check_parameters
+from foresight_env.equilibrium.checks.validation import check_kinds, check_parameters
 from foresight_env.equilibrium.conditions.curvature import dynamics_hessian
 from foresight_env.equilibrium.conditions.kkt import (
     Iterate,
@@ -196,6 +197,7 @@ def _verify(
     return tuple(found)
 
 
+@no_type_check
 def verify(
     game: Game,
     solution: Solution,
@@ -206,8 +208,9 @@ def verify(
 ) -> Verification:
     """Check that `solution` is a local equilibrium of `game` with these parameters.
 
-    Raises `ValueError` on shapes that do not fit the game.
+    Raises `ValueError` on arguments of another type and on shapes that do not fit the game.
     """
+    check_kinds(game=(game, Game), solution=(solution, Solution), options=(options, SolverOptions))
     layout = layout_of(game)
     parameters = check_parameters(game, [s[0] for s in solution.states], theta, gamma)
     with jax.enable_x64(True):

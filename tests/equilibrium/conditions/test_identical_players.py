@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from foresight_env.equilibrium.conditions.identical_players import moving_alike, peers_of
+from foresight_env.equilibrium.conditions.identical_players import identical_players, moving_alike
 from foresight_env.equilibrium.conditions.kkt import Iterate, Parameters
 from foresight_env.equilibrium.conditions.layout import layout_of
 from foresight_env.equilibrium.conditions.linearisation import first_order
@@ -155,7 +155,9 @@ class Numbered:
 
 
 def members(game, theta):
-    return sorted({tuple(these.members) for these in peers_of(layout_of(game), tuple(theta))})
+    return sorted(
+        {tuple(these.members) for these in identical_players(layout_of(game), tuple(theta))}
+    )
 
 
 def test_who_is_alike():
@@ -220,7 +222,7 @@ def test_parts_that_are_alike_say_so_truly(name):
     x = [jnp.asarray(random.normal(size=n)) for n in game.state_sizes]
     u = [jnp.asarray(0.1 * random.normal(size=m)) for m in game.control_sizes]
     compared = 0
-    for these in peers_of(layout_of(game), tuple(theta)):
+    for these in identical_players(layout_of(game), tuple(theta)):
         first = these.first
         for i in these.members[1:]:
             order = [j for j in range(len(x)) if j != i]

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from foresight_env.equilibrium import SolverOptions, Status, solve, verify
+from foresight_env.equilibrium import SolverOptions, Status, shift, solve, verify
 from foresight_env.equilibrium.checks.validation import check_parameters
 from foresight_env.equilibrium.conditions.kkt import Parameters
 from foresight_env.equilibrium.conditions.layout import layout_of
@@ -157,6 +157,17 @@ def test_a_plan_that_is_no_equilibrium_is_refused():
     checked = verify(ring(), found._replace(point=worse), theta, 0.9)
     assert not checked.is_local_equilibrium
     assert checked.gap[0] > 1e-3
+
+
+def test_arguments_of_another_type_are_named():
+    initial_state, theta = np.array([[0.8, 0.0, 0.0, 0.0]]), ({"height": 1.0},)
+    found = solve(ring(), initial_state, theta, 0.9)
+    with pytest.raises(ValueError, match=r"options: is \{'tolerance': 0.1\}, not made by calling"):
+        verify(ring(), found, theta, 0.9, options={"tolerance": 0.1})
+    with pytest.raises(ValueError, match="solution: is 3, not made by calling Solution"):
+        verify(ring(), 3, theta, 0.9)
+    with pytest.raises(ValueError, match="solution: is None, not made by calling Solution"):
+        shift(None)
 
 
 def test_an_unsolved_game_is_never_an_equilibrium():
