@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from foresight_env.equilibrium.conditions.kkt import Parameters
+from foresight_env.equilibrium.linear_algebra.small_matrices import inverse
 from foresight_env.equilibrium.newton.schedule import limits_of
 from foresight_env.equilibrium.newton.start import Start
 from foresight_env.equilibrium.settings import Budget
@@ -254,5 +255,6 @@ def damped_step(
     scale = jnp.diag(normal)
     # A floor keeps directions that the data say nothing about from running away.
     ridge = damping * (scale + 1e-6 * jnp.max(scale)) + 1e-12 * jnp.max(scale) + 1e-300
-    step = -jnp.linalg.solve(normal + jnp.diag(ridge + (1.0 - free)), free * gradient)
+    # Not LAPACK's: within a loop jaxlib 0.10 fails to compile its calls on machines with one core.
+    step = -inverse(normal + jnp.diag(ridge + (1.0 - free))) @ (free * gradient)
     return free * step

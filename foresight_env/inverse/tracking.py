@@ -17,6 +17,7 @@ from jaxtyping import Array, Float
 from foresight_env.equilibrium.conditions.kkt import Parameters
 from foresight_env.equilibrium.conditions.layout import Layout, layout_of
 from foresight_env.equilibrium.conditions.rollout import next_state, rollout
+from foresight_env.equilibrium.linear_algebra.small_matrices import inverse
 from foresight_env.equilibrium.newton.implicit import Equilibrium, equilibrium
 from foresight_env.equilibrium.newton.start import Start, on_central_path
 from foresight_env.equilibrium.settings import SolverOptions
@@ -125,7 +126,7 @@ def observed_motion(
 
         slope = jax.jacfwd(error)(state)
         normal = slope.T @ slope + KEPT * jnp.eye(layout.n)
-        return state - jnp.linalg.solve(normal, slope.T @ error(state))
+        return state - inverse(normal) @ (slope.T @ error(state))
 
     states = jax.vmap(observed)(x, theta["values"], theta["whiten"])
     before = jnp.concatenate([first[None], states[:-1]])
@@ -137,7 +138,7 @@ def observed_motion(
         def improve(_: Array, v: Array) -> Array:
             slope = jax.jacfwd(error)(v)
             normal = slope.T @ slope + KEPT * jnp.eye(layout.m)
-            step = jnp.linalg.solve(normal, slope.T @ error(v) + KEPT * (v - old))
+            step = inverse(normal) @ (slope.T @ error(v) + KEPT * (v - old))
             return jnp.clip(v - step, least, most)
 
         return jax.lax.fori_loop(0, INVERSE_STEPS, improve, jnp.clip(0.0 * old, least, most))
