@@ -52,7 +52,8 @@ def print_value(
             continue
         shares = [share(rows, setting, ego, bound) for ego in others]
         table.add_row(f"{setting}, n {found.seeds}")
-        table.add_row(f"  cost, n {found.unharmed}", _cost(found), *map(_cost_share, shares))
+        costs = (_cost_share(one, found.unharmed) for one in shares)
+        table.add_row(f"  cost, n {found.unharmed}", _cost(found), *costs)
         table.add_row("  harmed", _harm(found), *map(_harm_share, shares))
         table.add_row("  time to goal, s", _interval(found.time), end_section=True)
     console.print(table)
@@ -60,7 +61,7 @@ def print_value(
     console.print(
         f"cost: where neither of the compared egos is harmed, also in % of {BASELINE}'s. harmed: "
         f"collided or left the road, {BASELINE} -> {bound}; p: McNemar's exact test. A share is "
-        "given where the gap is significant."
+        "given where the gap is significant (the clairvoyant's is never negative, by construction)."
     )
     if errors := errors_of(rows):
         console.print(f"[red]{escape(failed(errors))}[/red]")
@@ -81,11 +82,13 @@ def _harm(found: Compared) -> str:
     return f"{first} -> {second}, p {found.p_value:.2g}"
 
 
-def _cost_share(found: Share) -> str:
+def _cost_share(found: Share, unharmed: int) -> str:
+    """The share, and its number of seeds where that is not the gap's."""
     if found.cost is None:
         return "-"
     mean, low, high = (100.0 * value for value in found.cost)
-    return f"{mean:.0f} % [{low:.0f}, {high:.0f}]"
+    seeds = "" if found.unharmed == unharmed else f", n {found.unharmed}"
+    return f"{mean:.0f} % [{low:.0f}, {high:.0f}]{seeds}"
 
 
 def _harm_share(found: Share) -> str:
