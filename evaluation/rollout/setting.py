@@ -40,7 +40,7 @@ class RunSetting:
     others_gamma: tuple[float, float] | None = None
     """Range of the others' discount factors; None: the scenario's."""
     planning_horizon: int | None = None
-    """Stages of everybody's plans; None: the scenario's."""
+    """Stages of all agents' plans; None: the scenario's."""
     step: float | None = None
     """Duration of a step in driving, s; None: the scenario's. Episodes last as long."""
 

@@ -72,7 +72,7 @@ def check_controlled(controlled: Any, players: int) -> tuple[int, ...]:
 
 
 def check_behaviour(behaviour: Any) -> BehaviourFactory:
-    """A behaviour by name, or a factory of one's own."""
+    """A behaviour by name, or a custom factory."""
     if callable(behaviour):
         factory: BehaviourFactory = behaviour
         return factory

@@ -6,8 +6,8 @@ games are solved in one batch. An environment whose episode has ended begins a n
 step, whose action it ignores (`AutoresetMode.NEXT_STEP`), or, as learners like it, in the same step
 (`AutoresetMode.SAME_STEP`): its last observation is then in `infos["final_obs"]`.
 
-Not here: rendering, behaviours of one's own, and the others' plans in the information. Wrong
-actions raise `ValueError` before anything changes.
+Not here: rendering, custom behaviours, and the others' plans in the information. Wrong actions
+raise `ValueError` before anything changes.
 """
 
 from __future__ import annotations
