@@ -105,15 +105,19 @@ def _print_episodes(
         table.add_column(escape(heading_of(ego, console.width)), justify="right")
     for setting in settings:
         own = [list(episodes_of(rows, setting, ego).values()) for ego in egos]
-        if not all(own):
+        if not any(own):
             continue
         table.add_row(setting)
-        table.add_row("  harmed", *(f"{sum(map(harmed, good))} of {len(good)}" for good in own))
+        table.add_row("  harmed", *map(_harmed_of, own))
         costs = [[r["cost"] for r in good if not harmed(r)] for good in own]
         table.add_row("  cost, unharmed", *map(_mean, costs))
         times = [[time_to_goal(r) for r in good] for good in own]
         table.add_row("  time to goal, s", *map(_mean, times), end_section=True)
     console.print(table)
+
+
+def _harmed_of(episodes: Sequence[Row]) -> str:
+    return f"{sum(map(harmed, episodes))} of {len(episodes)}" if episodes else "-"
 
 
 def _mean(values: Sequence[float]) -> str:

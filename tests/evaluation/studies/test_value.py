@@ -112,6 +112,13 @@ def test_a_share_of_fewer_seeds_than_the_gap_says_so():
     assert "cost, n 4" in text
 
 
+def test_an_ego_without_a_finished_episode_hides_no_other():
+    failed = {"setting": "crowd", "ego": "broken", "seed": 0, "error": "ValueError: no path"}
+    text = text_of([*ROWS, failed], ("infer-gamma", "broken", BASELINE))
+    assert "6 of 10" in text
+    assert "ValueError" in text
+
+
 def test_a_figure_and_a_report_of_rows(tmp_path):
     rows = [{**r, "setting": "crowd-3-short", "settings": "s"} for r in ROWS if not r["error"]]
     picture = value_figure(
