@@ -46,7 +46,10 @@ def value(
             "own equilibrium."
         ),
     ] = "clairvoyant",
-    names: Annotated[bool, typer.Option("--list", help="Print the names of settings.")] = False,
+    names: Annotated[
+        bool,
+        typer.Option("--list", help="Print the settings, with the range of the others' gamma."),
+    ] = False,
     workers: WorkersOption = None,
     cluster: ClusterOption = None,
     out: OutOption = Path("results/value"),
@@ -60,8 +63,9 @@ def value(
     from evaluation.rollout.places import DEVELOPMENT_SEEDS, SETTINGS, TEST_SEEDS
 
     if names:
-        for name in SETTINGS:
-            typer.echo(name)
+        for name, setting in SETTINGS.items():
+            low, high = setting.gammas
+            typer.echo(f"{name:20}{setting.scenario}, others' gamma in ({low:g}, {high:g})")
         return
     chosen = (
         tuple(SETTINGS) if settings == "all" else listed("--settings", settings, tuple(SETTINGS))
