@@ -36,31 +36,36 @@ def value(
     ] = "test",
     egos: Annotated[
         str,
-        typer.Option(help="Comma-separated, in addition to assume-gamma-1, the baseline."),
+        typer.Option(help="Comma-separated, in addition to the baseline assume-gamma-1."),
     ] = ",".join(DEFAULT_EGOS),
     bound: Annotated[
         Bound,
         typer.Option(
-            help="clairvoyant: a best response by simulation, offline; know-gamma: the ego "
-            "infer-gamma with the true discount factors; oracle: the others' own equilibrium."
+            help="clairvoyant: the best response that a search by simulation finds, offline; "
+            "know-gamma: the ego infer-gamma with the true discount factors; oracle: the others' "
+            "own equilibrium."
         ),
     ] = "clairvoyant",
-    names: Annotated[bool, typer.Option("--list", help="Print the names of settings.")] = False,
+    names: Annotated[
+        bool,
+        typer.Option("--list", help="Print the settings, with the range of the others' gamma."),
+    ] = False,
     workers: WorkersOption = None,
     cluster: ClusterOption = None,
     out: OutOption = Path("results/value"),
 ) -> None:
     """Value of knowing the others' foresight, and how much of it each ego gets.
 
-    The value of information is what the ego that assumes gamma = 1 loses to an upper bound, in
-    cost, time and collisions, on the same seeds. Interrupted studies are resumed. With the
+    The value of information is what the ego that assumes gamma = 1 loses to the bound, in cost,
+    time and collisions, on the same seeds. Interrupted studies are resumed. With the
     clairvoyant, ten seeds of a crowd take one to three minutes on one core.
     """
     from evaluation.rollout.places import DEVELOPMENT_SEEDS, SETTINGS, TEST_SEEDS
 
     if names:
-        for name in SETTINGS:
-            typer.echo(name)
+        for name, setting in SETTINGS.items():
+            low, high = setting.gammas
+            typer.echo(f"{name:20}{setting.scenario}, others' gamma in ({low:g}, {high:g})")
         return
     chosen = (
         tuple(SETTINGS) if settings == "all" else listed("--settings", settings, tuple(SETTINGS))

@@ -105,9 +105,9 @@ def ratio_interval(
 def exact_mcnemar(first: Bool[np.ndarray, "n"], second: Bool[np.ndarray, "n"]) -> float:
     """Two-sided p-value that an event is as likely in both of two paired samples.
 
-    Pairs in which it happened once alone count, by the binomial distribution (McNemar 1947; Fay,
-    "Two-sided exact tests and matching confidence intervals for discrete data", 2010). 1 without
-    such pairs.
+    Pairs in which it occurs in exactly one of the two count, by the binomial distribution (McNemar
+    1947; Fay, "Two-sided exact tests and matching confidence intervals for discrete data", 2010).
+    1 without such pairs.
     """
     once = int(np.sum(first & ~second)), int(np.sum(second & ~first))
     return float(binomtest(once[0], sum(once)).pvalue) if sum(once) else 1.0

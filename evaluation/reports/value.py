@@ -52,7 +52,8 @@ def print_value(
             continue
         shares = [share(rows, setting, ego, bound) for ego in others]
         table.add_row(f"{setting}, n {found.seeds}")
-        table.add_row(f"  cost, n {found.unharmed}", _cost(found), *map(_cost_share, shares))
+        costs = (_cost_share(one, found.unharmed) for one in shares)
+        table.add_row(f"  cost, n {found.unharmed}", _cost(found), *costs)
         table.add_row("  harmed", _harm(found), *map(_harm_share, shares))
         table.add_row("  time to goal, s", _interval(found.time), end_section=True)
     console.print(table)
@@ -60,7 +61,7 @@ def print_value(
     console.print(
         f"cost: where neither of the compared egos is harmed, also in % of {BASELINE}'s. harmed: "
         f"collided or left the road, {BASELINE} -> {bound}; p: McNemar's exact test. A share is "
-        "given where the gap is significant."
+        "given where the gap is significant (the clairvoyant's is never negative, by construction)."
     )
     if errors := errors_of(rows):
         console.print(f"[red]{escape(failed(errors))}[/red]")
@@ -81,11 +82,13 @@ def _harm(found: Compared) -> str:
     return f"{first} -> {second}, p {found.p_value:.2g}"
 
 
-def _cost_share(found: Share) -> str:
+def _cost_share(found: Share, unharmed: int) -> str:
+    """The share, and its number of seeds where that is not the gap's."""
     if found.cost is None:
         return "-"
     mean, low, high = (100.0 * value for value in found.cost)
-    return f"{mean:.0f} % [{low:.0f}, {high:.0f}]"
+    seeds = "" if found.unharmed == unharmed else f", n {found.unharmed}"
+    return f"{mean:.0f} % [{low:.0f}, {high:.0f}]{seeds}"
 
 
 def _harm_share(found: Share) -> str:
@@ -102,15 +105,19 @@ def _print_episodes(
         table.add_column(escape(heading_of(ego, console.width)), justify="right")
     for setting in settings:
         own = [list(episodes_of(rows, setting, ego).values()) for ego in egos]
-        if not all(own):
+        if not any(own):
             continue
         table.add_row(setting)
-        table.add_row("  harmed", *(f"{sum(map(harmed, good))} of {len(good)}" for good in own))
+        table.add_row("  harmed", *map(_harmed_of, own))
         costs = [[r["cost"] for r in good if not harmed(r)] for good in own]
         table.add_row("  cost, unharmed", *map(_mean, costs))
         times = [[time_to_goal(r) for r in good] for good in own]
         table.add_row("  time to goal, s", *map(_mean, times), end_section=True)
     console.print(table)
+
+
+def _harmed_of(episodes: Sequence[Row]) -> str:
+    return f"{sum(map(harmed, episodes))} of {len(episodes)}" if episodes else "-"
 
 
 def _mean(values: Sequence[float]) -> str:

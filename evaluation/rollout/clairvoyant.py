@@ -1,12 +1,13 @@
 """The clairvoyant: a best response to the others' true behaviour, by simulation, offline.
 
-An upper bound of what an ego can achieve in an episode, and no competitor. Its candidates are whole
-sequences of actions. The first are those of the egos that it is compared with; further ones are
-searched: the ego's optimal control over the whole episode with the others on the paths that they
-took in the best simulation so far, with random weights of its costs, since others may react to a
-firmer or a more cautious ego. Every candidate is simulated among the others as they are
-(`rollout.simulation`), and the best is kept. So its score is never worse than that of any ego whose
-actions it was given, and its cost is undiscounted, as episodes are scored.
+An upper bound of what the compared egos achieve in an episode, and no competitor. The search is a
+heuristic: a true best response may be better still. Its candidates are whole sequences of actions.
+The first are those of the egos that it is compared with; further ones are searched: the ego's
+optimal control over the whole episode with the others on the paths that they took in the best
+simulation so far, with random weights of its costs, since others may react to a firmer or a more
+cautious ego. Every candidate is simulated among the others as they are (`rollout.simulation`), and
+the best is kept. So its score is never worse than that of any ego whose actions it was given, and
+its cost is undiscounted, as episodes are scored.
 
 It gains more than the value of knowing discount factors: it has exact states and knows how others
 react. The ego `know-gamma` measures the value of discount factors alone.
@@ -42,8 +43,8 @@ class Clairvoyant:
     """Search of the best response."""
 
     candidates: int = 16
-    """Searched ones, beside the given: half of them around the best factors so far. Twice as many
-    lower the cost by 0.7 % (docs/design.md)."""
+    """Searched ones, in addition to the given: half of them around the best factors so far. Twice
+    as many lower the cost by 0.7 % (docs/design.md)."""
     spread: float = 1.0
     """Standard deviation of the logarithms of both factors, of the ego's collision weight and of
     its weight of progress; half as large around the best."""

@@ -7,6 +7,7 @@ from typing import Any
 
 COLLISION, OFF_ROAD, REACHED, TIME_OUT = "collision", "off road", "goal reached", "time-out"
 HARM = (COLLISION, OFF_ROAD)
+"""Endings that are worse than any cost."""
 
 
 def ending(info: Mapping[str, Any]) -> str:

@@ -1,4 +1,4 @@
-"""Closed-loop settings by name: the published places, and those where foresight may pay.
+"""Closed-loop settings by name: the published places, and those for the value of information.
 
 `foresight value` measures the value of knowing the others' discount factors in each
 (docs/measurements.md). Settings were chosen on `DEVELOPMENT_SEEDS`; numbers on `TEST_SEEDS` are of
@@ -49,7 +49,7 @@ per step."""
 
 
 def setting_of(name: str, others: str = "receding") -> RunSetting:
-    """The setting of that name; `others`: what drives the other agents."""
+    """The setting of that name; `others`: what drives the agents other than the ego."""
     if name not in SETTINGS:
         raise ValueError(f"setting: {name!r} is unknown; choose from {', '.join(SETTINGS)}")
     return replace(SETTINGS[name], behaviour=others)

@@ -59,6 +59,9 @@ def simulate(
         gammas: range of the others' discount factors, as in `rollout.episode.begin_episode`.
         actions: of the ego, one row per step; clipped to the action space, zero after the last row.
         limit: cost at which the simulation stops; costs of steps are never negative.
+
+    Returns:
+        The episode, to its end or to where its cost reached `limit`.
     """
     _, infos = begin_episode(env, seed, gammas)
     agent, space = env.agents[0], env.action_space(env.agents[0])

@@ -1,7 +1,8 @@
 """Value of information: egos and an upper bound on the same episodes, per setting.
 
-The value of information of a setting is what the baseline `assume-gamma-1` loses to the bound. A
-setting in which it is nothing cannot show that anything is gained by inferring.
+The value of information of a setting is what the baseline `assume-gamma-1` loses to the bound, the
+clairvoyant: the best of the egos' own actions and of those that a search finds, so that it is never
+negative. A setting in which it is nothing cannot show that anything is gained by inferring.
 
 How costs, harm and times are compared is in `studies.value_summary`.
 """
@@ -30,7 +31,7 @@ BASELINE = "assume-gamma-1"
 
 
 def run_trial(setting: str, ego: str, settings: str, seed: int) -> Row:
-    """One episode's row; `settings` tells egos of the same name apart in the store."""
+    """One episode's row; `settings` distinguishes egos of the same name in the store."""
     chosen = SETTINGS[setting]
     warm_up(chosen, ego)
     found = run_episode(chosen, ego, seed)

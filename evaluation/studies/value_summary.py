@@ -49,6 +49,8 @@ class Share(NamedTuple):
 
     cost: Interval | None
     harm: float | None
+    unharmed: int
+    """Seeds on which none of the three is harmed: those of `cost`."""
 
 
 def harmed(row: Row) -> bool:
@@ -113,4 +115,4 @@ def share(
     saved = int(first.sum()) - int(least.sum())
     certain = saved > 0 and exact_mcnemar(first, least) < 0.05
     harm = (int(first.sum()) - int(own.sum())) / saved if certain else None
-    return Share(cost, harm)
+    return Share(cost, harm, len(good))

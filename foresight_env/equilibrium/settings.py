@@ -35,8 +35,7 @@ class Convexification:
 class Damping:
     """Schedule of step rejection and of the damping that follows it (module `newton.damping`).
 
-    `benchmarks.stress` and `benchmarks.merge` measure success rates and steps. With 5 in place of
-    `raised`, one of ten published intersections is not solved any more.
+    `benchmarks.stress` and `benchmarks.merge` measure success rates and steps.
     """
 
     raised: float = 20.0

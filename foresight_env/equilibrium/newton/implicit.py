@@ -45,9 +45,11 @@ from foresight_env.equilibrium.newton.start import Start, begin_phase
 from foresight_env.equilibrium.settings import SolverOptions
 from foresight_env.games.types import Scalar
 
-TANGENT_SOFTNESS = 1e-7
-"""Softness of constraint rows in the tangents' linear system, whose influence a second solve takes
-back: without it active rows would weigh up to the inverse of the barrier there."""
+TANGENT_SOFTNESS = 1e-5
+"""Softness of constraint rows in the tangents' linear system, without which active rows would weigh
+up to the inverse of the barrier there, and rounding would swallow the players' own curvature."""
+TANGENT_CORRECTIONS = 2
+"""Further solves that take its influence back (proximal point iteration)."""
 
 
 class Equilibrium(NamedTuple):
@@ -210,7 +212,12 @@ def solution_tangent(
 
     dw, mult = solved(wanted)
     if layout.rows:
-        dw, mult = solved(wanted + TANGENT_SOFTNESS * mult)
+        dw, mult = jax.lax.fori_loop(
+            0,
+            TANGENT_CORRECTIONS,
+            lambda _, last: solved(wanted + TANGENT_SOFTNESS * last[1]),
+            (dw, mult),
+        )
     slope = jnp.einsum("tka,ta->tk", jacobian, dw)
     excess = known.excess * (mult - penalty)
     exists = split(layout, pairs.exists)

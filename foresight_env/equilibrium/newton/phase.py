@@ -51,14 +51,14 @@ class PhaseState(NamedTuple):
     """State of the iteration."""
 
     point: Iterate
-    """The last point at which everything was finite."""
+    """The last point that was accepted, at which everything was finite."""
     evaluation: Evaluation
     """Residual and linearisation there."""
     first_error: Scalar
     """Residual where the phase began."""
     iteration: Int[Array, ""]
     finite: Bool[Array, ""]
-    """False once a step overflowed that was not rejected, which ends the phase."""
+    """False once a step overflowed and is not repeated with more damping, which ends the phase."""
     weight: Float[Array, ""]
     """Convexification weight."""
     used: Float[Array, ""]
@@ -238,12 +238,13 @@ def phase_ended(
     rules: PhaseRules,
     accuracy: Accuracy,
 ) -> Bool[Array, ""]:
-    """Return whether the phase has converged, failed or used up its steps."""
+    """Return whether the phase has converged, failed or used up its steps or its damping."""
     return (
         converged(state.evaluation, accuracy)
         | _runs_away(layout, options, state.point, state.evaluation)
         | _moves_away(options, state, rules)
         | ~state.finite
+        | (state.damped.value >= options.damping.most)
         | (state.iteration >= rules.steps)
     )
 

@@ -127,11 +127,13 @@ def test_recorded_tracks_are_followed():
 
 def test_every_car_its_own_driver():
     """What each does is what it would do if all were driven so (here for one step)."""
-    controls, status = {}, {}
-    for behaviour in (("receding", "idm"), ("idm", "receding"), "idm", "receding"):
+    controls, status, stages = {}, {}, {}
+    same = ("receding", "receding")
+    for behaviour in (("receding", "idm"), ("idm", "receding"), "idm", "receding", same):
         env = driving_v0.parallel_env(behaviour=behaviour, **SHORT)
         _, infos = env.reset(seed=1)
         assert infos["car_0"]["solver_status"] == -1
+        stages[behaviour] = infos["car_0"]["plan_stages"]
         infos = env.step({"car_0": ZERO})[4]
         controls[behaviour] = infos["car_0"]["controls"][1]
         status[behaviour] = infos["car_0"]["solver_status"]
@@ -139,6 +141,8 @@ def test_every_car_its_own_driver():
     np.testing.assert_array_equal(controls["idm", "receding"], controls["receding"])
     assert not np.array_equal(controls["idm"], controls["receding"])
     assert (status["idm"], status["receding"], status["idm", "receding"]) == (-1, 0, 0)
+    # Only where all play one game there is a plan of all.
+    assert list(stages.values()) == [0, 0, 0, 4, 4]
 
 
 @pytest.mark.parametrize("ego", ["oracle", "constant-velocity"])

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from benchmarks.merge import draw, merge_game
 from foresight_env.equilibrium import WEAK_COMPLEMENTARITY, SolverOptions, Status, solve
 from tests.support.small_games import (
     CROSSING_GAMMA,
@@ -92,6 +93,28 @@ def test_derivatives_are_right_where_dynamics_are_not_linear():
         _, tangent = jax.linearize(unequal_trajectory, jnp.asarray(UNEQUAL))
         forward = np.asarray(jax.vmap(tangent, out_axes=1)(jnp.eye(UNEQUAL.size)))
     np.testing.assert_allclose(forward, expected, rtol=1e-5, atol=1e-5 * np.abs(expected).max())
+
+
+def test_derivatives_keep_their_accuracy_where_hard_shared_rows_are_active():
+    """Three cars that merge, whose controls reach positions two stages later, at little cost."""
+    game, theta, state = merge_game(3), [{}] * 3, draw(3, seed=2)
+    direction = np.random.default_rng(0).normal(size=state.shape)
+
+    def reached(v):
+        found = solve(game, v, theta, 1.0, options=TIGHT)
+        return found, [*(s[1:] for s in found.states), *found.controls, found.point.mult]
+
+    found, _ = reached(state)
+    assert found.status == Status.SOLVED
+    assert found.margin > WEAK_COMPLEMENTARITY
+    assert found.point.mult.max() > 0.1
+    step = 1e-4
+    ends = [reached(state + sign * step * direction)[1] for sign in (1.0, -1.0)]
+    with jax.enable_x64(True):
+        at, along = jnp.asarray(state), jnp.asarray(direction)
+        _, rates = jax.jvp(lambda v: reached(v)[1], (at,), (along,))
+    for rate, up, down in zip(rates, *ends, strict=True):
+        np.testing.assert_allclose(rate, (up - down) / (2 * step), atol=2e-5)
 
 
 def test_vmap_is_a_loop():

@@ -19,6 +19,7 @@ from foresight_env.equilibrium.newton.phase import (
 )
 from foresight_env.equilibrium.newton.schedule import phase_rules
 from foresight_env.equilibrium.newton.start import begin, begin_phase
+from foresight_env.equilibrium.settings import Damping
 from tests.support.small_games import CROSSING_GAMMA, CROSSING_STATES, crossing, crossing_theta
 
 OPTIONS = SolverOptions()
@@ -96,3 +97,41 @@ def test_what_ends_a_phase():
         overflowed = first._replace(finite=jnp.asarray(False))
         assert phase_ended(layout, OPTIONS, overflowed, rules, accuracy)
         assert not succeeded(overflowed, accuracy)
+        most = jnp.asarray(OPTIONS.damping.most)
+        damped = first._replace(damped=first.damped._replace(value=most))
+        assert phase_ended(layout, OPTIONS, damped, rules, accuracy)
+        assert jnp.isfinite(damped.error)
+
+
+def test_a_step_that_raises_the_residual_far_is_undone_and_damped():
+    """Whatever raises the residual counts as far where the factor is nearly 0."""
+    layout = layout_of(crossing())
+    strict = SolverOptions(damping=Damping(raised=1e-12))
+    with jax.enable_x64(True):
+        parameters = check_parameters(crossing(), CROSSING_STATES, crossing_theta(), CROSSING_GAMMA)
+        parameters = jax.tree.map(jnp.asarray, parameters)
+        accuracy = accuracy_of(strict, None)
+        rules = phase_rules(layout, strict, jnp.asarray(1), None, None)
+        before = jax.tree.map(jnp.asarray, by_hand()[2])
+        step = jax.jit(partial(step_phase, layout, strict))
+        once = step(parameters, before, rules, accuracy)
+        twice = step(parameters, once, rules, accuracy)
+        for state in (once, twice):
+            for new, old in zip(state.point, before.point, strict=True):
+                np.testing.assert_array_equal(new, old)
+            assert state.evaluation.error == before.evaluation.error
+            assert state.finite
+        assert (once.damped.value, twice.damped.value) == (1.0, 10.0)
+        assert twice.iteration == before.iteration + 2
+    # Never accepting a step ends a phase before its steps are used up, and nothing has diverged.
+    budget = Budget(phases=1)
+    found = solve(
+        crossing(),
+        CROSSING_STATES,
+        crossing_theta(),
+        CROSSING_GAMMA,
+        options=strict,
+        budget=budget,
+    )
+    assert found.iterations == 7  # damping of 1, 10, ..., 1e6
+    assert found.status == Status.ITERATION_LIMIT

@@ -235,7 +235,9 @@ def test_the_value_of_information(tmp_path, monkeypatch):
         range(3),
     )
     assert not asked[1][1]["clairvoyant"]
-    assert call("value", "--list").stdout.split() == list(SETTINGS)
+    lines = call("value", "--list").stdout.splitlines()
+    assert [line.split()[0] for line in lines] == list(SETTINGS)
+    assert "crowd-3-far         crosswalk, others' gamma in (0.7, 1)" in lines
     refused(call("value", "--settings", "nowhere"), "--settings: 'nowhere' is unknown")
     refused(call("value", "--episodes", 900), "--episodes: is 900; there are 200 test seeds")
 

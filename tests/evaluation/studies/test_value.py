@@ -66,12 +66,12 @@ def test_shares_of_the_gap():
     assert found.cost.low <= found.cost.mean <= found.cost.high
     assert found.harm == pytest.approx((6 - 2) / 6)
     assert share(ROWS, "crowd", BASELINE, CLAIRVOYANT).cost.mean == 0.0
-    assert share(ROWS, "crowd", CLAIRVOYANT, CLAIRVOYANT) == ((1.0, 1.0, 1.0), 1.0)
+    assert share(ROWS, "crowd", CLAIRVOYANT, CLAIRVOYANT) == ((1.0, 1.0, 1.0), 1.0, 4)
 
 
 def test_without_a_gap_there_is_no_share():
-    assert share(ROWS, "crowd", "infer-gamma", "late") == (None, pytest.approx(4 / 6))
-    assert share(ROWS, "crowd", "infer-gamma", BASELINE) == (None, None)
+    assert share(ROWS, "crowd", "infer-gamma", "late") == (None, pytest.approx(4 / 6), 4)
+    assert share(ROWS, "crowd", "infer-gamma", BASELINE) == (None, None, 4)
 
 
 def test_nothing_in_common():
@@ -83,7 +83,7 @@ def test_nothing_in_common():
     found = compare(always, "crowd", "x")
     assert found.cost is None
     assert np.isnan(found.relative_cost)
-    assert share(always, "crowd", "infer-gamma", "x") == (None, None)
+    assert share(always, "crowd", "infer-gamma", "x") == (None, None, 0)
 
 
 def text_of(rows, egos, settings=("crowd",)):
@@ -101,6 +101,22 @@ def test_the_table_says_what_it_is_worth():
     assert "ValueError: no" in text
     assert "2 of 10" in text
     assert "no episode finished" in text_of(ROWS, ("late", BASELINE), ("elsewhere",))
+
+
+def test_a_share_of_fewer_seeds_than_the_gap_says_so():
+    careless = [row("careless", s, COLLISION if s == 9 else REACHED, 9.0) for s in SEEDS]
+    rows = [r for r in ROWS if not r["error"]] + careless
+    assert share(rows, "crowd", "careless", CLAIRVOYANT).unharmed == 3
+    text = text_of(rows, ("infer-gamma", BASELINE, "careless"))
+    assert text.count("], n 3") == 1
+    assert "cost, n 4" in text
+
+
+def test_an_ego_without_a_finished_episode_hides_no_other():
+    failed = {"setting": "crowd", "ego": "broken", "seed": 0, "error": "ValueError: no path"}
+    text = text_of([*ROWS, failed], ("infer-gamma", "broken", BASELINE))
+    assert "6 of 10" in text
+    assert "ValueError" in text
 
 
 def test_a_figure_and_a_report_of_rows(tmp_path):
