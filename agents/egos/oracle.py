@@ -87,4 +87,5 @@ def _shared_plan(
     action = within_limits(scene.game, ego, controls[ego, 0]).astype(np.float32)
     paths = states[:, 1 : stages + 1, :2]
     predicted = {j: paths[j] for j in range(scene.players) if j != ego}
-    return Decision(action, paths[ego], predicted, gammas)
+    fallback = not info.get("plan_solved", True)
+    return Decision(action, paths[ego], predicted, gammas, plan_fallback=fallback)

@@ -40,6 +40,8 @@ class JointPlan(NamedTuple):
     """The present state and those after stages 1..T."""
     controls: Float[np.ndarray, "N T m"]
     """Of stages 1..T."""
+    solved: bool = True
+    """Whether it is an equilibrium from here on; False: what is left of an earlier one."""
 
 
 class BehaviourSetting(NamedTuple):
@@ -129,6 +131,7 @@ class _Oracle(ABC):
         return JointPlan(
             np.stack([np.array(x) for x in solution.states]),
             np.stack([np.array(u) for u in solution.controls]),
+            self._next.report.failures == self._report.failures,
         )
 
     def act(self, states: Float[np.ndarray, "N n"]) -> Float[np.ndarray, "N m"]:

@@ -223,6 +223,7 @@ class WorldParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
         shown = JointPlan(
             np.zeros((len(episode.states), horizon + 1, episode.states.shape[1])),
             np.zeros((len(episode.controls), horizon, episode.controls.shape[1])),
+            solved=False,
         )
         if self._behaviour is not None and self.agents:
             plan = self._behaviour.plan(episode.states.copy())
@@ -230,6 +231,7 @@ class WorldParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
                 stages = min(horizon, plan.controls.shape[1])
                 shown.states[:, : stages + 1] = plan.states[:, : stages + 1]
                 shown.controls[:, :stages] = plan.controls[:, :stages]
+                shown = shown._replace(solved=plan.solved)
         return shown, stages
 
     def _infos(self, episode: Episode) -> dict[str, Info]:
@@ -253,6 +255,7 @@ class WorldParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
                 "plan_states": plan.states.copy(),
                 "plan_controls": plan.controls.copy(),
                 "plan_stages": stages,
+                "plan_solved": bool(plan.solved),
                 "solver_status": int(report.status),
                 "solver_residual": float(report.residual),
                 "solver_failures": int(report.failures),

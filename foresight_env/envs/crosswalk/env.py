@@ -73,7 +73,8 @@ reached, no collision), `solver_status` (`equilibrium.Status`; -1 while nothing 
 `solver_residual`, `solver_failures` (steps of this episode), `time` (s), `plan_states`
 (N, T + 1, 4) and `plan_controls` (N, T, 2), with T the planning horizon: the equilibrium of all
 agents from `state` on that the others follow in the next step, zero beyond its `plan_stages` stages
-(none where they play no equilibrium, and after the last step).
+(none where they play no equilibrium, and after the last step); `plan_solved` (whether it was solved
+for at `state`; else it is what is left of an earlier one).
 
 **Version history.** v0: first version.
 """

@@ -180,6 +180,16 @@ def test_the_oracle_plays_its_part_of_the_plan_that_the_others_follow():
         np.testing.assert_allclose(infos[EGO]["state"], expected[:, 1], atol=1e-6)
 
 
+def test_the_oracle_says_that_the_others_plan_is_an_earlier_one():
+    env = crossing()
+    observations, infos = env.reset(seed=1)
+    policy = Oracle()
+    for solved in (True, False):
+        info = {**infos[EGO], "plan_solved": solved}
+        memory = policy.update(policy.init(env.scene, EGO), observations[EGO], info)
+        assert policy.act(memory)[0].plan_fallback == (not solved)
+
+
 def test_an_ego_that_knows_gamma_infers_all_but_that():
     known, infos = drive({EGO: ego("know-gamma")})
     assert known[-1][EGO].gammas[1] == (infos[-1][EGO]["gamma"][1], 0.0)

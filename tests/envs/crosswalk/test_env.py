@@ -326,12 +326,14 @@ def test_information_has_the_plan_that_the_others_follow_next(behaviour):
     while env.agents:
         plan, before = info["plan_controls"], info["plan_states"]
         assert info["plan_stages"] == 6
+        assert info["plan_solved"]
         np.testing.assert_allclose(before[:, 0], info["state"], atol=1e-6)
         # An ego that plays its part of it moves all agents as planned.
         info = env.step({EGO: plan[0, 0].astype(np.float32).clip(-10, 10)})[4][EGO]
         np.testing.assert_allclose(info["controls"], plan[:, 0], atol=1e-6)
         np.testing.assert_allclose(info["state"], before[:, 1], atol=1e-6)
     assert info["plan_stages"] == 0
+    assert not info["plan_solved"]
     assert not info["plan_controls"].any()
     assert not info["plan_states"].any()
     # The same shapes throughout, also where the plan reaches to the episode's end.
@@ -377,9 +379,11 @@ def test_a_failed_solve_keeps_the_shifted_plan(monkeypatch):
         return found if len(plans) == 1 else found._replace(status=np.array(Status.INFEASIBLE))
 
     monkeypatch.setattr(oracle, "solve", sometimes)
-    env.reset(seed=1)
+    assert env.reset(seed=1)[1][EGO]["plan_solved"]
     for step in range(3):
         info = env.step(STILL)[4][EGO]
+        assert info["plan_stages"]
+        assert not info["plan_solved"]
         assert info["controls"][1] == pytest.approx(plans[0].controls[1][step], abs=1e-7)
         assert info["solver_failures"] == step
 
