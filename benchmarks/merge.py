@@ -33,6 +33,7 @@ HORIZON = 20
 LANE = 1.0
 """Lateral position of the lane that all cars merge into, m."""
 SPEED = 2.0
+"""Preferred, m/s."""
 LEAST_DISTANCE = 2.0
 """Between the middles of two cars, m."""
 ROUGH = 5e-4
@@ -76,7 +77,7 @@ def draw(cars: int, seed: int) -> Float[np.ndarray, "cars 4"]:
     return np.stack([x, y, v, np.zeros(cars)], axis=1)
 
 
-def row(cars: int, games: int) -> Row:
+def row(cars: int, games: int, yardstick: Yardstick) -> Row:
     """One line of the table."""
     game = merge_game(cars)
     theta: list[dict[str, Any]] = [{} for _ in range(cars)]
@@ -85,7 +86,6 @@ def row(cars: int, games: int) -> Row:
     first = time.perf_counter() - begin
     rough = SolverOptions(tolerance=ROUGH, barrier=ROUGH)
     solve(game, draw(cars, 0), theta, 1.0, options=rough)
-    yardstick = Yardstick.measure()
     seconds, rough_seconds, steps, solved, verified = [], [], [], [], []
     for seed in range(games):
         states = draw(cars, seed)
@@ -121,7 +121,7 @@ def run(setting: Setting) -> list[Result]:
     """The study; `quick` takes fewer games and cars."""
     sizes = (2, 4) if setting.quick else (2, 3, 4, 5, 6, 8)
     yardstick = Yardstick.measure()
-    rows = [row(cars, 20 if setting.quick else 100) for cars in sizes]
+    rows = [row(cars, 20 if setting.quick else 100, yardstick) for cars in sizes]
     note = (
         "RD3G's car merge, cold, tolerance 1e-8 unless stated, one solve at a time. RD3G-SOSC: "
         "time and shares converged and of second order by its authors, tolerance "
