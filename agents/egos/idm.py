@@ -64,7 +64,7 @@ class Idm:
         check_memory(memory, IdmMemory)
         perception = memory.perception
         perception.scene.check_episode(perception.ego, observation, info)
-        return memory._replace(perception=perception.taking(observation))
+        return memory._replace(perception=perception.taking(observation, info))
 
     @no_type_check
     def act(self, memory: IdmMemory) -> tuple[Decision, IdmMemory]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -28,8 +29,16 @@ class Perception(NamedTuple):
     guessed: bool = False
     """Whether an agent was seen only once, a position without a velocity: taken to be at rest."""
 
-    def taking(self, observation: Float[np.ndarray, "size"]) -> Perception:
-        """Return the same after an observation, whose last two entries are the goal."""
+    def taking(self, observation: Float[np.ndarray, "size"], info: Mapping[str, Any]) -> Perception:
+        """Return the same after an observation, whose last two entries are the goal.
+
+        The ego's `applied_action` in `info` replaces the one that `acted` recorded: a safety filter
+        or a limit may have changed it.
+        """
+        applied = info.get("applied_action")
+        own = self.own
+        if applied is not None and own.action is not None:
+            own = own.acted(applied)
         seen = np.asarray(observation[:-2], dtype=float)
         model = self.scene.observation_model(self.ego)
         observations = (*self.observations, seen)[-FIT_STEPS:]
@@ -50,7 +59,7 @@ class Perception(NamedTuple):
             known.append(state)
         return self._replace(
             observations=observations,
-            own=follow_own_state(self.scene, self.ego, model, self.own, seen),
+            own=follow_own_state(self.scene, self.ego, model, own, seen),
             known=tuple(known),
             guessed=guessed,
         )

@@ -64,7 +64,7 @@ class PredictThenPlan:
         """See `EgoPolicy`."""
         check_memory(memory, PlanMemory)
         memory.perception.scene.check_episode(memory.perception.ego, observation, info)
-        perception = memory.perception.taking(observation)
+        perception = memory.perception.taking(observation, info)
         if perception.missing:
             return memory._replace(perception=perception)
         # A single position says nothing of velocities: that state is forgotten with the next one.

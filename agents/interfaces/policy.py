@@ -38,6 +38,8 @@ class Decision:
     """Whether a solve failed and the action is a fallback: the last plan continued, or braking."""
     estimate_outdated: bool = False
     """Whether the latest fit failed, so that an older estimate was planned with."""
+    intervention: bool = False
+    """Whether the safety filter replaced the policy's action (`agents.egos.safety_filter`)."""
 
 
 @runtime_checkable

@@ -78,7 +78,7 @@ class ReactiveEgo:
         """See `EgoPolicy`."""
         check_memory(memory, ReactiveMemory)
         memory.perception.scene.check_episode(memory.perception.ego, observation, info)
-        perception = memory.perception.taking(observation)
+        perception = memory.perception.taking(observation, info)
         if perception.missing:
             return memory._replace(perception=perception)
         own, other = perception.states()[perception.ego], perception.states()[1 - perception.ego]

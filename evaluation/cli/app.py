@@ -16,6 +16,7 @@ from evaluation.cli.learn import generate, train
 from evaluation.cli.options import (
     EGO_HELP,
     OutOption,
+    SafetyFilterOption,
     WorkersOption,
     check_ego,
     check_noise,
@@ -108,6 +109,7 @@ def run(
         float | None,
         typer.Option(min=0.0, help="Noise std of every observed coordinate; default: as usual."),
     ] = None,
+    safety_filter: SafetyFilterOption = True,
     human: Annotated[bool, typer.Option("--human", help="Show it live in a window.")] = False,
     out: OutOption = Path("results/run"),
 ) -> None:
@@ -123,11 +125,22 @@ def run(
 
     if name in SCENARIOS:
         setting = RunSetting(
-            name, scene or SCENE_NAMES[0], players, observation, noise_std, behaviour
+            name,
+            scene or SCENE_NAMES[0],
+            players,
+            observation,
+            noise_std,
+            behaviour,
+            safety_filter=safety_filter,
         )
     else:
         chosen = setting_of(name, behaviour)
-        setting = replace(chosen, observation=observation, noise_std=noise_std)
+        setting = replace(
+            chosen,
+            observation=observation,
+            noise_std=noise_std,
+            safety_filter=safety_filter,
+        )
     scenario = setting.scenario
     if is_custom(ego):
         make_all("--ego", [ego])

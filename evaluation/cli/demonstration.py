@@ -79,7 +79,7 @@ def run_one(ego: str, seed: int, setting: RunSetting, human: bool, out: Path) ->
         env = setting.make("human")
         from evaluation.reports.episode_pictures import overlay_of
 
-        for step in episode(env, ego, seed, setting.gammas):
+        for step in episode(env, setting, ego, seed):
             env.set_overlay(overlay_of(step, ego, setting))
         env.close()
     _draw(console, ego, seed, setting, out)
@@ -107,6 +107,10 @@ def _draw(console: Console, ego: str, seed: int, setting: RunSetting, out: Path)
     if milliseconds.size:
         table.add_row("decision, median", f"{np.median(milliseconds):.0f} ms")
     table.add_row(
+        "actions that the safety filter replaced",
+        str(sum(s.decision.intervention for s in shown.steps)) if setting.safety_filter else "off",
+    )
+    table.add_row(
         "failed plans, failed fits",
         f"{sum(s.decision.plan_fallback for s in shown.steps)}, "
         f"{sum(s.decision.estimate_outdated for s in shown.steps)}",
@@ -130,6 +134,7 @@ def evaluate_crosswalk(
     players: int,
     observation: str,
     noise_std: float,
+    safety_filter: bool,
     workers: Workers,
     out: Path,
 ) -> None:
@@ -139,7 +144,7 @@ def evaluate_crosswalk(
     console = terminal()
     pictures: list[Path] = []
     if episodes:
-        setting = ClosedLoop(players, observation, noise_std)
+        setting = ClosedLoop(players, observation, noise_std, safety_filter=safety_filter)
         rows = closed_loop.study(
             out / "closed_loop", egos, range(episodes), setting, workers=workers
         )

@@ -17,6 +17,7 @@ from evaluation.cli.options import (
     NoiseOption,
     OutOption,
     PlayersOption,
+    SafetyFilterOption,
     Split,
     WorkersOption,
     check_noise,
@@ -54,6 +55,7 @@ def evaluate_crosswalk(
         Observation, typer.Option(help="What the egos see in the closed loop.")
     ] = "full",
     noise_std: NoiseOption = 0.05,
+    safety_filter: SafetyFilterOption = True,
     workers: WorkersOption = None,
     cluster: ClusterOption = None,
     out: OutOption = Path("results/evaluate"),
@@ -77,6 +79,7 @@ def evaluate_crosswalk(
         players,
         observation,
         noise_std,
+        safety_filter,
         chosen_workers(workers, cluster),
         out,
     )
@@ -101,6 +104,7 @@ def evaluate_driving(
     cars: Annotated[int, typer.Option(min=2, max=6, help="Number of cars.")] = 4,
     observation: Annotated[Observation, typer.Option(help="What the egos see.")] = "full",
     noise_std: NoiseOption = 0.1,
+    safety_filter: SafetyFilterOption = True,
     workers: WorkersOption = None,
     cluster: ClusterOption = None,
     out: OutOption = Path("results/driving"),
@@ -119,7 +123,7 @@ def evaluate_driving(
     from evaluation.cli import demonstration
     from evaluation.studies.driving import DrivingSetting
 
-    setting = DrivingSetting(cars, noise_std, observation)
+    setting = DrivingSetting(cars, noise_std, observation, safety_filter)
     demonstration.evaluate_driving(
         episodes, *chosen, setting, chosen_workers(workers, cluster), out
     )

@@ -133,6 +133,12 @@ PlayersOption = Annotated[int, typer.Option(min=2, max=6, help="Number of agents
 NoiseOption = Annotated[
     float, typer.Option(min=0.0, help="Noise std of every observed coordinate, m and m/s.")
 ]
+SafetyFilterOption = Annotated[
+    bool,
+    typer.Option(
+        help="Replace the egos' actions that leave no way out; the same filter for all egos."
+    ),
+]
 WorkersOption = Annotated[
     int | None,
     typer.Option(min=0, help="Processes; 0 runs in this one, default one per core."),

@@ -11,6 +11,7 @@ from evaluation.cli.options import (
     ALL_EGO_NAMES,
     ClusterOption,
     OutOption,
+    SafetyFilterOption,
     WorkersOption,
     chosen_agents,
     chosen_workers,
@@ -50,6 +51,7 @@ def value(
         bool,
         typer.Option("--list", help="Print the settings, with the range of the others' gamma."),
     ] = False,
+    safety_filter: SafetyFilterOption = True,
     workers: WorkersOption = None,
     cluster: ClusterOption = None,
     out: OutOption = Path("results/value"),
@@ -89,6 +91,7 @@ def value(
         available[:episodes],
         workers=chosen_workers(workers, cluster),
         clairvoyant=bound == "clairvoyant",
+        safety_filter=safety_filter,
     )
     console = terminal()
     print_value(console, rows, chosen, compared, bound)

@@ -82,6 +82,7 @@ def _table(title: str, summaries: Sequence[Summary], width: int) -> Table:
         "decision p50, p99 [ms]": [
             f"{s.latencies[0]:.0f}, {s.latencies[1]:.0f}" for s in summaries
         ],
+        "filter interventions": [str(s.interventions) for s in summaries],
         "failed plans, fits": [f"{s.failed_plans}, {s.failed_fits}" for s in summaries],
         "others' failed solves": [str(s.oracle_failures) for s in summaries],
     }

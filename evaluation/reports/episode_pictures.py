@@ -33,6 +33,7 @@ def overlay_of(step: Step, ego: str, setting: RunSetting) -> Overlay:
         predicted=dict(decision.predicted),
         planned=decision.planned,
         gammas=inferred(ego, decision),
+        intervention=decision.intervention,
         truth_gammas={j: float(truth[j]) for j in decision.gammas if not np.isnan(truth[j])},
     )
 
@@ -48,7 +49,7 @@ def draw_episode(ego: str, seed: int, setting: RunSetting, folder: Path) -> Epis
     env = setting.make("rgb_array")
     frames, steps = [], []
     try:
-        for step in episode(env, ego, seed, setting.gammas):
+        for step in episode(env, setting, ego, seed):
             env.set_overlay(overlay_of(step, ego, setting))
             frames.append(Image.fromarray(env.render()))
             steps.append(step)

@@ -48,6 +48,7 @@ def print_closed_loop(console: Console, summaries: Sequence[Summary], rows: Sequ
         "cost, unharmed": [mean_and_half(s.cost, 1) for s in summaries],
         "decision p50 [ms]": [f"{s.latency_median:.0f}" for s in summaries],
         "decision p99 [ms]": [f"{s.latency_p99:.0f}" for s in summaries],
+        "filter interventions": [str(s.interventions) for s in summaries],
         "failed plans": [str(s.failed_plans) for s in summaries],
         "failed fits": [str(s.failed_fits) for s in summaries],
     }

@@ -15,8 +15,9 @@ import numpy as np
 from jaxtyping import Float
 
 from agents import Decision, make_ego
+from agents.egos.safety_filter import SafetyFilter
 from evaluation.execution.compilation import until_forgotten
-from evaluation.rollout.setting import EGO_GAMMA, OTHERS_GAMMA, RunSetting
+from evaluation.rollout.setting import EGO_GAMMA, RunSetting
 from foresight_env.envs.core.scene import Scene, observation_order
 
 KNOWING = ("oracle", "know-gamma", "assume-gamma-1")
@@ -78,6 +79,7 @@ class Episode(NamedTuple):
         """Failed plans and fits of the ego, and failed solves of the others' game."""
         return {
             "failed_plans": sum(s.decision.plan_fallback for s in self.steps),
+            "interventions": sum(s.decision.intervention for s in self.steps),
             "failed_fits": sum(s.decision.estimate_outdated for s in self.steps),
             "oracle_failures": int(self.last["solver_failures"]),
         }
@@ -101,15 +103,14 @@ def begin_episode(
     return found
 
 
-def episode(
-    env: Any, ego: str, seed: int, gammas: tuple[float, float] = OTHERS_GAMMA
-) -> Iterator[Step]:
-    """Run one episode of `env` with a registered ego, step by step; the others' gammas are drawn.
+def episode(env: Any, setting: RunSetting, ego: str, seed: int) -> Iterator[Step]:
+    """Run one episode of the setting's `env` with a registered ego, step by step.
 
-    The ego is the one agent that `env` leaves to be controlled.
+    The ego is the one agent that `env` leaves to be controlled; the others' gammas are drawn.
     """
     policy = make_ego(ego)
-    observations, infos = begin_episode(env, seed, gammas)
+    policy = SafetyFilter(policy) if setting.safety_filter else policy
+    observations, infos = begin_episode(env, seed, setting.gammas)
     agent = env.agents[0]
     memory = policy.init(env.scene, agent)
     while env.agents:
@@ -128,14 +129,14 @@ def episode(
 def run_episode(setting: RunSetting, ego: str, seed: int, env: Any = None) -> Episode:
     """Run one episode to its end, in `env` where the caller has made the setting's environment."""
     env = setting.make() if env is None else env
-    steps = tuple(episode(env, ego, seed, setting.gammas))
+    steps = tuple(episode(env, setting, ego, seed))
     return Episode(steps, env.scene)
 
 
 @until_forgotten
 def warm_up(setting: RunSetting, ego: str) -> None:
     """Compile in this process what an episode needs, so that latencies are those of running."""
-    for _ in islice(episode(setting.make(), ego, 0, setting.gammas), WARM_UP_STEPS):
+    for _ in islice(episode(setting.make(), setting, ego, 0), WARM_UP_STEPS):
         pass
 
 

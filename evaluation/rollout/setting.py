@@ -43,6 +43,8 @@ class RunSetting:
     """Stages of all agents' plans; None: the scenario's."""
     step: float | None = None
     """Duration of a step in driving, s; None: the scenario's. Episodes last as long."""
+    safety_filter: bool = True
+    """Whether the ego's actions pass the safety filter (`agents.egos.safety_filter`)."""
 
     def __post_init__(self) -> None:
         if self.behaviour == "idm" and self.scenario != "driving":

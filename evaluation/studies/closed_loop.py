@@ -32,6 +32,7 @@ class ClosedLoop:
     observation: str = "full"
     noise_std: float = 0.05
     behaviour: str = "receding"
+    safety_filter: bool = True
 
     @property
     def run_setting(self) -> RunSetting:
@@ -42,6 +43,7 @@ class ClosedLoop:
             observation=self.observation,
             noise_std=self.noise_std,
             behaviour=self.behaviour,
+            safety_filter=self.safety_filter,
         )
 
 
@@ -112,6 +114,8 @@ class Summary(NamedTuple):
     latency_median: float
     """Milliseconds per decision, without compilation."""
     latency_p99: float
+    interventions: int
+    """Decisions whose action the safety filter replaced."""
     failed_plans: int
     """Decisions without a solved plan: the one before was continued, or the ego braked."""
     failed_fits: int
@@ -142,6 +146,7 @@ def summarise(rows: list[Row], ego: str, dt: float = 0.1) -> Summary:
         mean_interval(np.array([r["cost"] for r in good if not r["collision"]] or [np.inf])),
         float(np.median(latency)),
         float(np.percentile(latency, 99)),
+        sum(r["interventions"] for r in good),
         sum(r["failed_plans"] for r in good),
         sum(r["failed_fits"] for r in good),
     )

@@ -33,10 +33,19 @@ class DrivingSetting:
     cars: int = 4
     noise_std: float = 0.1
     observation: str = "full"
+    safety_filter: bool = True
 
     def of(self, scene: str, others: str) -> RunSetting:
         """One episode's environment."""
-        return RunSetting("driving", scene, self.cars, self.observation, self.noise_std, others)
+        return RunSetting(
+            "driving",
+            scene,
+            self.cars,
+            self.observation,
+            self.noise_std,
+            others,
+            safety_filter=self.safety_filter,
+        )
 
 
 def run_trial(
@@ -130,6 +139,8 @@ class Summary(NamedTuple):
     """Means of the root mean squares of `Comfort`."""
     latencies: tuple[float, float]
     """Median and 99th percentile per decision, ms, without compilation."""
+    interventions: int
+    """Decisions whose action the safety filter replaced."""
     failed_plans: int
     failed_fits: int
     oracle_failures: int
@@ -172,6 +183,7 @@ def summarise(rows: Sequence[Row], scene: str, others: str, ego: str) -> Summary
             for name in ("rms_acceleration", "rms_jerk", "rms_lateral")
         },
         (float(np.median(latency)), float(np.percentile(latency, 99))),
+        sum(r["interventions"] for r in good),
         sum(r["failed_plans"] for r in good),
         sum(r["failed_fits"] for r in good),
         sum(r["oracle_failures"] for r in good),

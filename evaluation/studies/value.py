@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -30,9 +31,9 @@ BASELINE = "assume-gamma-1"
 """Ego whose loss against the bound is measured."""
 
 
-def run_trial(setting: str, ego: str, settings: str, seed: int) -> Row:
+def run_trial(setting: str, ego: str, settings: str, seed: int, safety_filter: bool) -> Row:
     """One episode's row; `settings` distinguishes egos of the same name in the store."""
-    chosen = SETTINGS[setting]
+    chosen = replace(SETTINGS[setting], safety_filter=safety_filter)
     warm_up(chosen, ego)
     found = run_episode(chosen, ego, seed)
     return {
@@ -72,16 +73,18 @@ def study(
     *,
     workers: Workers = None,
     clairvoyant: bool = True,
+    safety_filter: bool = True,
     fresh: bool = False,
 ) -> list[Row]:
     """Run the study in `folder`: in every setting every ego, then the clairvoyant, on every seed.
 
     Episodes that the folder has already are not run again, unless `fresh`.
     """
-    store = Store(folder, "value of information", {}, KEY, fresh=fresh)
+    rule = {"safety_filter": safety_filter}
+    store = Store(folder, "value of information", rule, KEY, fresh=fresh)
     prints = {ego: fingerprint(make_ego(ego)) for ego in egos}
     trials: list[Trial] = [
-        {"setting": setting, "ego": ego, "settings": prints[ego], "seed": seed}
+        {"setting": setting, "ego": ego, "settings": prints[ego], "seed": seed, **rule}
         for setting in settings
         for seed in seeds
         for ego in egos

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -32,7 +33,7 @@ def run_trial(place: str, seed: int) -> Row:
 
     `states` (T+1, N, 4), `controls` (T, N, 2) and `observations` (T, size) are flattened.
     """
-    setting = setting_of(place)
+    setting = replace(setting_of(place), safety_filter=False)
     found = run_episode(setting, "oracle", seed)
     last, steps, states = found.last, found.steps, found.states
     return {

@@ -1,4 +1,4 @@
-"""Likely route of a car, from its recent track and the roads."""
+"""Likely routes of a car, from its recent track and the roads."""
 
 from __future__ import annotations
 
@@ -28,10 +28,16 @@ GRID = 10.0
 """Paths begin at multiples of this along a lane, m, so that there are few to be remembered."""
 
 
-def likely_path(
+POSSIBLE = 0.5
+"""Mean squared offset (m^2) by which a path may fit worse than the best and still be possible."""
+SAME = 1.0
+"""Paths that stay within this over the next `LOOK_AHEAD` points count as one, m."""
+
+
+def likely_paths(
     scene: DrivingScene, track: Float[np.ndarray, "K 2"], heading: float
-) -> Float[np.ndarray, "M 4"]:
-    """The path along lanes that fits a car's observed positions best, the straightest of several.
+) -> tuple[Float[np.ndarray, "M 4"], ...]:
+    """Paths along lanes that fit a car's observed positions, the best first.
 
     Args:
         scene: whose roads are known.
@@ -39,7 +45,7 @@ def likely_path(
         heading: present heading, rad; NaN where it is not known.
 
     Returns:
-        Points `[px, py, heading, curvature]`; straight on where the car is on no lane.
+        Points `[px, py, heading, curvature]` of each path; straight on where the car is on no lane.
     """
     candidates = [
         _path(scene, lanes, begin)
@@ -48,8 +54,32 @@ def likely_path(
     ]
     scored = [(_misfit(path, track, heading), k) for k, path in enumerate(candidates)]
     if not scored or min(scored)[0] > BESIDE**2:
-        return _straight_on(track, heading)
-    return candidates[min(scored)[1]]
+        return (_straight_on(track, heading),)
+    found: list[np.ndarray] = []
+    ahead: list[np.ndarray] = []
+    for misfit, k in sorted(scored):
+        if misfit > min(scored)[0] + POSSIBLE:
+            break
+        path = candidates[k]
+        nearest = int(np.argmin(np.sum((path[:, :2] - track[-1]) ** 2, axis=1)))
+        next_points = path[nearest : nearest + LOOK_AHEAD, :2]
+        if all(_apart(next_points, other) > SAME for other in ahead):
+            found.append(path)
+            ahead.append(next_points)
+    return tuple(found)
+
+
+def likely_path(
+    scene: DrivingScene, track: Float[np.ndarray, "K 2"], heading: float
+) -> Float[np.ndarray, "M 4"]:
+    """Return the best of `likely_paths`."""
+    return likely_paths(scene, track, heading)[0]
+
+
+def _apart(points: Float[np.ndarray, "K 2"], others: Float[np.ndarray, "L 2"]) -> float:
+    """Largest distance (m) of a point from the nearest of the others."""
+    away = np.linalg.norm(points[:, None] - others, axis=2)
+    return float(away.min(axis=1).max())
 
 
 def _lanes_at(

@@ -67,6 +67,7 @@ class WorldParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
             limit,
             world.names,
             tuple(float(radius) for radius in world.goal_radius),
+            world.footprints,
             world.opponent_prior,
         )
         indices = self._scene.controlled

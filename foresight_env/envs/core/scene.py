@@ -13,6 +13,7 @@ from jaxtyping import Array, Float
 
 from foresight_env.annotations import no_type_check
 from foresight_env.games import Game, ObservationModel, full_state, positions
+from foresight_env.games.footprints import Footprint
 from foresight_env.games.types import States
 from foresight_env.names import Observation
 
@@ -82,6 +83,15 @@ class OpponentPrior(NamedTuple):
     ]
     """From the ego's own `theta`, the other's recent positions (the newest last, m) and its present
     state: the other's `theta`. What is not in `free` may be guessed again at every step."""
+    possible: (
+        Callable[
+            [dict[str, Any], Float[np.ndarray, "K 2"], Float[np.ndarray, "4"]],
+            tuple[dict[str, Any], ...],
+        ]
+        | None
+    ) = None
+    """From the same, all guesses that fit the positions, such as routes, the best first; None:
+    there is one guess."""
 
 
 def _stays(
@@ -111,6 +121,8 @@ class Scene:
     """Of all players' agents."""
     goal_radius: tuple[float, ...]
     """Per player, distance from its goal within which an agent has reached it, m."""
+    footprints: tuple[Footprint, ...]
+    """Of all players: what they cover around their positions."""
     opponent_prior: OpponentPrior = field(default=GOALS, repr=False)
     """What every agent may assume of others."""
     _own: Mapping[int, Own] = field(default_factory=dict, repr=False)

@@ -15,7 +15,7 @@ from foresight_env.envs.rendering.scenery import ASPHALT, STRIPE, Polygon, Scene
 from foresight_env.games.footprints import Footprint, Motion, least_gaps
 from foresight_env.games.kinds import SIMULATED_CAR
 from foresight_env.highway.axes import flipped_places
-from foresight_env.highway.likely_route import likely_path
+from foresight_env.highway.likely_route import likely_path, likely_paths
 from foresight_env.highway.ranges import DrivingRanges
 from foresight_env.highway.scenes import DrivingScene, draw_driving
 from foresight_env.scenarios.driving import SPEED_LIMIT, driving_game
@@ -66,7 +66,10 @@ def driving_world(
         footprints=footprints,
         scenery=_scenery(scene),
         opponent_prior=OpponentPrior(
-            ("target_speed",), (("target_speed", 2.0),), partial(_on_its_way, scene)
+            ("target_speed",),
+            (("target_speed", 2.0),),
+            partial(_on_its_way, scene),
+            partial(_on_possible_ways, scene),
         ),
         off_road=lambda states: off_road(scene, states),
     )
@@ -79,7 +82,23 @@ def _on_its_way(
     state: Float[np.ndarray, "4"],
 ) -> dict[str, Any]:
     """The ego's weights, the likely path along the roads, and the speed it has."""
-    path = likely_path(scene, track, float(state[3]))
+    return _along_path(own, likely_path(scene, track, float(state[3])), state)
+
+
+def _on_possible_ways(
+    scene: DrivingScene,
+    own: dict[str, Any],
+    track: Float[np.ndarray, "K 2"],
+    state: Float[np.ndarray, "4"],
+) -> tuple[dict[str, Any], ...]:
+    """The same for every path that the observed positions allow."""
+    paths = likely_paths(scene, track, float(state[3]))
+    return tuple(_along_path(own, path, state) for path in paths)
+
+
+def _along_path(
+    own: dict[str, Any], path: Float[np.ndarray, "M 4"], state: Float[np.ndarray, "4"]
+) -> dict[str, Any]:
     return {**own, "path": path, "goal": path[-1, :2], "target_speed": float(state[2])}
 
 

@@ -18,6 +18,9 @@ DASH, GAP = 9.0, 6.0
 """Lengths along a dashed line, pixels."""
 LEAST_DISC = 9.0
 """Radius of a pedestrian at least, pixels."""
+HALO = (200, 30, 30)
+HALO_GAP, HALO_WIDTH = 3.0, 4.0
+"""Between an agent and the ring around it, and of the ring, pixels."""
 GOAL_SIZE = 9.0
 """Half of a goal's cross, pixels."""
 
@@ -203,6 +206,14 @@ class Canvas:
             self._surface, colour, centre, size - (3.0 if ring else 1.5) * OVERSAMPLING
         )
 
+    def halo(self, place: Float[np.ndarray, "2"], radius: float) -> None:
+        """Mark an agent whose action a safety filter replaced."""
+        self._halo(self._pixel(place), max(radius * self._scale, LEAST_DISC))
+
+    def _halo(self, pixel: Pixel, radius: float) -> None:
+        centre, size = self._fine(pixel), OVERSAMPLING * (radius + HALO_GAP + HALO_WIDTH)
+        pygame.draw.circle(self._surface, HALO, centre, size, round(OVERSAMPLING * HALO_WIDTH))
+
     def burst(self, place: Float[np.ndarray, "2"], radius: float) -> None:
         """Mark a collision."""
         self._spokes(self._pixel(place), radius * self._scale)
@@ -239,6 +250,8 @@ class Canvas:
                 self._lines([(x + begin, y), (x + end, y)], FAINT, 3)
         elif kind == "own plan":
             self._lines(line, FAINT, 3)
+        elif kind == "intervention":
+            self._halo((x + 16.0, y), 1.0)
         elif kind == "collision":
             self._spokes((x + 16.0, y), 6.0)
         else:

@@ -28,6 +28,8 @@ class Overlay:
     """Inferred discount factors: mean and standard deviation."""
     truth_gammas: Mapping[int, float] = field(default_factory=dict)
     """True discount factors, a tick on each bar."""
+    intervention: bool = False
+    """Whether a safety filter replaced the first controlled agent's action: drawn as a ring."""
 
     def checked(self, players: int) -> Overlay:
         """A copy with arrays of its own; `ValueError` names what is wrong."""
@@ -45,6 +47,7 @@ class Overlay:
             None if self.planned is None else _path("planned", self.planned),
             {i: _interval(i, value) for i, value in self.gammas.items()},
             {i: _number(f"truth_gammas[{i}]", g) for i, g in self.truth_gammas.items()},
+            bool(self.intervention),
         )
 
 

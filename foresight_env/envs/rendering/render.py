@@ -145,6 +145,9 @@ def _agents(canvas: Canvas, frame: Frame) -> None:
     for struck in np.flatnonzero(frame.collided):
         # First, so that it hides nobody's number.
         canvas.burst(places[struck], frame.footprints[struck].reach)
+    if frame.overlay.intervention:
+        ego = frame.controlled[0]
+        canvas.halo(places[ego], frame.footprints[ego].reach)
     for i, (place, shape) in enumerate(zip(places, frame.footprints, strict=True)):
         controlled = i in frame.controlled
         if shape.length > 0.0:
@@ -171,11 +174,13 @@ def _legend(canvas: Canvas, frame: Frame) -> float:
     kinds += ["true plan"] if frame.planned else []
     kinds += ["prediction"] if frame.overlay.predicted else []
     kinds += ["own plan"] if frame.overlay.planned is not None else []
+    kinds += ["intervention"] if frame.overlay.intervention else []
     kinds += ["collision"] if frame.collided.any() else []
     names = {
         "true plan": "plan of uncontrolled",
         "prediction": "predicted by agent",
         "own plan": "agent's own plan",
+        "intervention": "safety filter acts",
     }
     for kind in kinds:
         canvas.sample(kind, (left, y + 9))

@@ -105,7 +105,7 @@ def test_perception_asks_for_an_observation_first():
 def test_perception_takes_the_own_state_from_what_the_ego_did():
     scene = scene_of(parallel_env, "full")
     size = scene.observation_model(0).size
-    seen = Perception(scene, 0).taking(np.zeros(size + 2)).acted(np.array([1.0, 0.0]))
-    seen = seen.taking(np.zeros(size + 2))
+    seen = Perception(scene, 0).taking(np.zeros(size + 2), {}).acted(np.array([1.0, 0.0]))
+    seen = seen.taking(np.zeros(size + 2), {})
     assert seen.states()[0][2] > 0.0  # it accelerated, whatever it sees
     assert seen.states()[1].tolist() == [0.0] * 4

@@ -30,7 +30,7 @@ def watched(observed, seen, steps):
     size, found = {"full": 4, "positions": 2}[observed], []
     perception = Perception(env.scene, 0)
     for k in range(steps):
-        perception = perception.taking(observation(size, k, k in seen))
+        perception = perception.taking(observation(size, k, k in seen), {})
         found.append(perception)
     return found
 

@@ -1,0 +1,129 @@
+"""Safety filter: the last stage of any ego; it replaces actions after which the ego cannot evade.
+
+An action passes if, after it, some evasive manoeuvre (`manoeuvres`) keeps the ego clear of all
+others for some time, whatever these do within a bound of their acceleration (`reachable`).
+Otherwise the clear manoeuvre nearest to the action replaces it, or the one with the least
+violation if none is clear.
+
+Compare responsibility-sensitive safety (Shalev-Shwartz, Shammah and Shashua, "On a formal model of
+safe and scalable self-driving cars", 2017) and predictive safety filters (Wabersich and Zeilinger,
+"A predictive safety filter for learning-based control of constrained nonlinear dynamical systems",
+Automatica 2021). No guarantee follows: others may exceed the bound, and states are estimates.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from agents.egos.checks import check_memory
+from agents.egos.manoeuvres import manoeuvres
+from agents.egos.perception import Perception
+from agents.egos.reachable import clearances
+from agents.interfaces.policy import Decision, EgoPolicy
+from foresight_env.annotations import no_type_check
+from foresight_env.envs.core.scene import Scene
+from foresight_env.games import Vehicle
+
+CHECK_STEP = 0.05
+"""Largest time between checked poses, s."""
+LEAST_MARGIN = 0.02
+"""Clearance (m) that is always required: poses are checked at discrete times."""
+GAIN = 0.005
+"""By how much less (m) a manoeuvre must violate the clearance than the plan, if none is clear."""
+
+
+CONTACT = 10.0
+"""How much more a violation counts that occurs if the others keep their course: where no manoeuvre
+is clear of all that they may do, the ego first avoids what they are about to do."""
+
+
+class FilterBounds(NamedTuple):
+    """Assumptions of the filter; benchmark `safety` derives them."""
+
+    horizon: float
+    """For how long the ego must be able to stay clear, s."""
+    acceleration: float
+    """With which others may depart from their course, m/s^2."""
+    deviations: float
+    """Clearance for errors of observed states, in standard deviations of the noise."""
+
+
+class FilterMemory(NamedTuple):
+    """Memory of the filtered policy, and the filter's own perception."""
+
+    policy: Any
+    perception: Perception
+
+
+@dataclass(frozen=True)
+class SafetyFilter:
+    """Ego policy whose actions pass the safety filter; it has the policy's name."""
+
+    policy: EgoPolicy[Any]
+    walking: FilterBounds = FilterBounds(1.0, 1.0, 3.0)
+    """For an ego that walks."""
+    driving: FilterBounds = FilterBounds(2.0, 1.5, 2.0)
+    """For an ego that drives."""
+
+    @property
+    def name(self) -> str:
+        """Name of the filtered policy."""
+        return self.policy.name
+
+    def init(self, scene: Scene, agent: str | int) -> FilterMemory:
+        """See `EgoPolicy`."""
+        return FilterMemory(self.policy.init(scene, agent), Perception(scene, scene.index(agent)))
+
+    @no_type_check
+    def update(
+        self,
+        memory: FilterMemory,
+        observation: Float[np.ndarray, "size"],
+        info: Mapping[str, Any],
+    ) -> FilterMemory:
+        """See `EgoPolicy`."""
+        check_memory(memory, FilterMemory)
+        policy = self.policy.update(memory.policy, observation, info)
+        return FilterMemory(policy, memory.perception.taking(observation, info))
+
+    @no_type_check
+    def act(self, memory: FilterMemory) -> tuple[Decision, FilterMemory]:
+        """See `EgoPolicy`; `Decision.intervention` says whether the action was replaced."""
+        check_memory(memory, FilterMemory)
+        decision, policy = self.policy.act(memory.policy)
+        perception = memory.perception
+        if not perception.missing:
+            decision = self._filtered(perception, decision)
+        return decision, FilterMemory(policy, perception.acted(decision.action))
+
+    def _filtered(self, perception: Perception, decision: Decision) -> Decision:
+        scene, ego = perception.scene, perception.ego
+        drives = isinstance(scene.game.players[ego].dynamics, Vehicle)
+        bounds = self.driving if drives else self.walking
+        step = scene.dt / np.ceil(scene.dt / CHECK_STEP)
+        times = step * np.arange(1, round(bounds.horizon / step) + 1)
+        possible = manoeuvres(scene, ego, perception.states()[ego], decision, times)
+        margin = LEAST_MARGIN + bounds.deviations * scene.noise_std
+        poses = np.concatenate([possible.now, possible.later])
+        clear = clearances(perception, poses, times, bounds.acceleration)
+        violation = _violation(clear.worst - margin) + CONTACT * _violation(clear.expected - margin)
+        now, later = violation[: len(possible.now)], violation[len(possible.now) :].min()
+        least = now.min()
+        if later <= 0.0 or (least > 0.0 and later <= least + GAIN):
+            return decision
+        away = np.sum((possible.controls - decision.action) ** 2, axis=1)
+        passing = now <= 0.0
+        chosen = np.argmin(np.where(passing, away, np.inf)) if passing.any() else np.argmin(now)
+        action = possible.controls[int(chosen)].astype(np.float32)
+        return replace(decision, action=action, intervention=True)
+
+
+def _violation(clearance: Float[np.ndarray, "M T"]) -> Float[np.ndarray, "M"]:
+    """Mean depth over the times, m; 0 where the motion stays clear."""
+    found: Float[np.ndarray, "M"] = -np.minimum(clearance, 0.0).mean(axis=1)
+    return found
