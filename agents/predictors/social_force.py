@@ -57,7 +57,7 @@ class SocialForcePredictor:
         for k in range(steps * parts):
             pushed = np.stack(
                 [
-                    np.zeros(2) if driving[i] else self._push(i, places, velocities, sizes)
+                    np.zeros(2) if driving[i] else self.push(i, places, velocities, sizes)
                     for i in range(len(driving))
                 ]
             )
@@ -71,7 +71,7 @@ class SocialForcePredictor:
                 found.append(places)
         return single(np.stack(found))
 
-    def _push(
+    def push(
         self,
         agent: int,
         places: Float[np.ndarray, "N 2"],

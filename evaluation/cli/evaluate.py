@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 import typer
 
 from evaluation.cli.options import (
+    ALL_EGO_NAMES,
     CROSSWALK_EGO_NAMES,
     DRIVING_EGO_NAMES,
     EGO_HELP,
@@ -127,6 +128,64 @@ def evaluate_driving(
     demonstration.evaluate_driving(
         episodes, *chosen, setting, chosen_workers(workers, cluster), out
     )
+
+
+SAFETY_SETTINGS = (
+    "crowd-2", "crowd-4", "crowd-6", "left_turn", "merge", "lane_change", "roundabout",
+)  # fmt: skip
+
+
+@evaluate.command("safety")
+@plain_errors
+def evaluate_safety(
+    episodes: Annotated[int, typer.Option(min=1, max=200, help="Test seeds per setting.")] = 20,
+    settings: Annotated[
+        str, typer.Option(help="Comma-separated; `foresight value --list` prints them.")
+    ] = ",".join(SAFETY_SETTINGS),
+    surprises: Annotated[
+        str,
+        typer.Option(
+            help="What the egos do not expect, comma-separated, or all: none; gamma-change (in "
+            "mid-episode); ignores-ego (one agent does); social-force, idm (others that play no "
+            "game); dropouts, outliers (of the sensor). Where it cannot occur it is left out."
+        ),
+    ] = "none,idm",
+    egos: Annotated[
+        str, typer.Option(help=f"Comma-separated, of {', '.join(EGO_NAMES)}.")
+    ] = ",".join(EGO_NAMES),
+    safety_filter: SafetyFilterOption = True,
+    workers: WorkersOption = None,
+    cluster: ClusterOption = None,
+    out: OutOption = Path("results/safety"),
+) -> None:
+    """Collisions, at fault or not, goals, cost and interventions of the safety filter; tables.
+
+    Interrupted studies are resumed. One seed of all default settings and egos takes one to two
+    minutes on one core.
+    """
+    from evaluation.reports.safety import print_safety
+    from evaluation.reports.terminal import terminal
+    from evaluation.rollout.places import SETTINGS
+    from evaluation.rollout.surprises import SURPRISES
+    from evaluation.studies.safety import study
+
+    chosen = listed("--settings", settings, tuple(SETTINGS))
+    met = (
+        tuple(SURPRISES)
+        if surprises == "all"
+        else listed("--surprises", surprises, tuple(SURPRISES))
+    )
+    names = chosen_agents("--egos", egos, ALL_EGO_NAMES)
+    rows = study(
+        out / "episodes",
+        chosen,
+        met,
+        names,
+        range(episodes),
+        safety_filter=safety_filter,
+        workers=chosen_workers(workers, cluster),
+    )
+    print_safety(terminal(), rows, chosen, met, names)
 
 
 Site = Literal["auto", "aachen", "open"]

@@ -18,6 +18,7 @@ from agents import Decision, make_ego
 from agents.egos.safety_filter import SafetyFilter
 from evaluation.execution.compilation import until_forgotten
 from evaluation.rollout.setting import EGO_GAMMA, RunSetting
+from evaluation.rollout.surprises import observed
 from foresight_env.envs.core.scene import Scene, observation_order
 
 KNOWING = ("oracle", "know-gamma", "assume-gamma-1")
@@ -113,13 +114,16 @@ def episode(env: Any, setting: RunSetting, ego: str, seed: int) -> Iterator[Step
     observations, infos = begin_episode(env, seed, setting.gammas)
     agent = env.agents[0]
     memory = policy.init(env.scene, agent)
+    random = np.random.default_rng([seed, 3])
     while env.agents:
         state = infos[agent]["state"]
+        seen = observed(
+            setting.surprise, random, observations[agent], env.scene.players, env.scene.noise_std
+        )
         begin = time.perf_counter()
-        memory = policy.update(memory, observations[agent], infos[agent])
+        memory = policy.update(memory, seen, infos[agent])
         decision, memory = policy.act(memory)
         latency = time.perf_counter() - begin
-        seen = observations[agent]
         observations, rewards, _, _, infos = env.step({agent: decision.action})
         yield Step(
             state, seen, decision, latency, {**infos[agent], "reward": float(rewards[agent])}

@@ -28,6 +28,7 @@ SETTINGS: dict[str, RunSetting] = {
         place: RunSetting("driving", scene=place) if place in SCENE_NAMES else RunSetting(place)
         for place in PLACES
     },
+    **{f"crowd-{walkers}": _crowd(walkers, 0.2, 1.0) for walkers in (2, 4, 6)},
     "crowd-3-short": _crowd(3, 0.2, 0.7),
     "crowd-4-short": _crowd(4, 0.2, 0.7),
     "crowd-4-medium": _crowd(4, 0.5, 0.9),
@@ -42,10 +43,10 @@ SETTINGS: dict[str, RunSetting] = {
         "driving", "left_turn", planning_horizon=20, step=0.2, others_gamma=(0.3, 0.7)
     ),
 }
-"""Settings by name. `crowd-N-FORESIGHT`: N walkers at the crosswalk with short, medium or far
-foresight. `SCENE-SECONDS`: a driving scene in which all plan so far ahead, in steps of 0.1 s (2.5s)
-or 0.2 s (4s); the horizon of the scene's plain name, the paper's, is 1.1 s. Discount factors count
-per step."""
+"""Settings by name. `crowd-N`: N walkers at the crosswalk with any foresight;
+`crowd-N-FORESIGHT`: with short, medium or far foresight. `SCENE-SECONDS`: a driving scene in which
+all plan so far ahead, in steps of 0.1 s (2.5s) or 0.2 s (4s); the horizon of the scene's plain
+name, the paper's, is 1.1 s. Discount factors count per step."""
 
 
 def setting_of(name: str, others: str = "receding") -> RunSetting:

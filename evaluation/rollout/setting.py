@@ -9,7 +9,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from evaluation.rollout.surprises import SURPRISES
 from foresight_env.envs import crosswalk_v0, driving_v0, intersection_v0
+from foresight_env.envs.core.behaviours import BehaviourFactory
 from foresight_env.highway.ranges import DrivingRanges
 from foresight_env.highway.scenes import SCENES
 from foresight_env.scenarios.driving import DT as DRIVING_STEP
@@ -45,12 +47,22 @@ class RunSetting:
     """Duration of a step in driving, s; None: the scenario's. Episodes last as long."""
     safety_filter: bool = True
     """Whether the ego's actions pass the safety filter (`agents.egos.safety_filter`)."""
+    surprise: str = "none"
+    """What the ego does not expect of others or its sensors (`rollout.surprises`)."""
 
     def __post_init__(self) -> None:
         if self.behaviour == "idm" and self.scenario != "driving":
             raise ValueError("--behaviour: idm drives cars of the scenario driving only")
         if self.step is not None and self.scenario != "driving":
             raise ValueError(f"step: is {self.step}; only steps of the scenario driving can differ")
+        if self.surprise not in SURPRISES:
+            raise ValueError(
+                f"surprise: {self.surprise!r} is unknown; choose from {', '.join(SURPRISES)}"
+            )
+        if self.scenario not in SURPRISES[self.surprise].scenarios:
+            raise ValueError(
+                f"surprise: {self.surprise!r} does not occur in the scenario {self.scenario}"
+            )
         if self.scenario == "intersection" and self.players is not None:
             raise ValueError("--players: the intersection has two pedestrians and two cars")
 
@@ -67,9 +79,15 @@ class RunSetting:
         NaN of those who have none: highway-env's vehicles play no game.
         """
         found = np.array(info["gamma"], dtype=float)
-        if self.behaviour == "idm":
+        if "idm" in (self.behaviour, self.behaviour_of_others):
             found[EGO_CAR + 1 :] = np.nan
         return found
+
+    @property
+    def behaviour_of_others(self) -> str | BehaviourFactory:
+        """What drives the uncontrolled agents."""
+        surprising = SURPRISES[self.surprise].behaviour
+        return self.behaviour if surprising == "receding" else surprising
 
     @property
     def middle(self) -> float:
@@ -80,7 +98,7 @@ class RunSetting:
         """The environment."""
         arguments: dict[str, Any] = {
             "observation": self.observation,
-            "behaviour": self.behaviour,
+            "behaviour": self.behaviour_of_others,
             "render_mode": render_mode,
         }
         if self.noise_std is not None:

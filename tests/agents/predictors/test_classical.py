@@ -107,7 +107,7 @@ def test_social_forces_are_slopes_of_the_potential():
 
     place = np.array([1.4, 0.0])
     ahead, behind = (
-        model._push(0, np.stack([place, other]), np.array([[way, 0.0], velocity]), [(0.5, 0.5)] * 2)
+        model.push(0, np.stack([place, other]), np.array([[way, 0.0], velocity]), [(0.5, 0.5)] * 2)
         for way in (1.0, -1.0)
     )
     small = 1e-5
