@@ -16,6 +16,8 @@ LEAST_SPACING = 0.2
 """Between points of a path, m: closer ones give no direction."""
 STRAIGHT_ON = 200.0
 """Length by which a path is extended, m."""
+SWERVE_SPACING = 1.0
+"""Between points of a swerve, m."""
 ANGLES = 25
 """Steering angles of which the curvature is computed, to be interpolated."""
 LEAST_ACCELERATION = 1e-9
@@ -76,24 +78,25 @@ def along(
     return np.stack([np.interp(covered, path[:, 0], path[:, k]) for k in (1, 2, 3)], axis=2)
 
 
-def beside(
-    path: Float[np.ndarray, "L 4"],
-    covered: Float[np.ndarray, "M T"],
-    offset: float,
-    begin: float,
-    length: float,
-) -> Float[np.ndarray, "M T 3"]:
-    """Poses after so many m along a path, from which the car swerves by `offset` (m, to the left).
+def swerved(
+    path: Float[np.ndarray, "L 4"], offset: float, begin: float, length: float
+) -> Float[np.ndarray, "K 4"]:
+    """Path that leaves another by `offset` m to the left, after `begin` m and within `length` m.
 
-    The swerve begins after `begin` m and takes `length` m; the offset is a cubic with level ends.
+    The offset is a cubic with level ends.
     """
-    poses = along(path, covered)
+    if offset == 0.0:
+        return path
+    grid = np.arange(0.0, begin + length + SWERVE_SPACING, SWERVE_SPACING)
+    covered = np.concatenate([grid, path[path[:, 0] > grid[-1], 0]])
+    poses = along(path, covered[None])[0]
     part = np.clip((covered - begin) / length, 0.0, 1.0)
     aside = offset * part**2 * (3.0 - 2.0 * part)
-    left = np.stack([-np.sin(poses[..., 2]), np.cos(poses[..., 2])], axis=2)
-    poses[..., :2] += aside[..., None] * left
-    poses[..., 2] += np.arctan(6.0 * offset * part * (1.0 - part) / length)
-    return poses
+    left = np.stack([-np.sin(poses[:, 2]), np.cos(poses[:, 2])], axis=1)
+    places = poses[:, :2] + aside[:, None] * left
+    headings = poses[:, 2] + np.arctan(6.0 * offset * part * (1.0 - part) / length)
+    steps = np.hypot(*np.diff(places, axis=0).T)
+    return np.column_stack([np.concatenate([[0.0], np.cumsum(steps)]), places, headings])
 
 
 def covered_distance(

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from agents.egos.car_paths import beside, covered_distance, path_ahead, pursuit
+from agents.egos.car_paths import along, covered_distance, path_ahead, pursuit, swerved
 from agents.interfaces.policy import Decision
 from foresight_env.envs.core.scene import Scene
 from foresight_env.games import Bounds, Vehicle
@@ -26,8 +26,15 @@ SWERVES = (0.0, 1.5, -1.5)
 """Lateral offsets (m) by which a car may leave its planned path; the first is none."""
 SWERVE_TIME, LEAST_SWERVE = 1.5, 8.0
 """Seconds, but at least m, that a swerve takes: at most 4 m/s^2 of lateral acceleration."""
+SWERVE_MARGIN = 0.2
+"""Clearance that a swerve needs in addition, m: pure pursuit cuts its bends."""
 AIM_TIME, LEAST_AIM = 0.6, 4.0
 """Seconds, but at least m, ahead of the place that a swerving car steers to."""
+
+
+Backup = Float[np.ndarray, "L 4"] | None
+"""Path (`path_ahead`) of a car's evasive manoeuvre, which its later decisions may continue: those
+along their plan change with the plan. Walkers' manoeuvres are the same at every decision."""
 
 
 class Manoeuvres(NamedTuple):
@@ -39,6 +46,14 @@ class Manoeuvres(NamedTuple):
     """Poses of these."""
     later: Float[np.ndarray, "L T 3"]
     """Poses of manoeuvres that begin after a step with the decision's action; one continues it."""
+    now_margin: Float[np.ndarray, "M"]
+    """Clearance that each motion of `now` needs because it is not followed exactly, m."""
+    later_margin: Float[np.ndarray, "L"]
+    """The same of `later`."""
+    now_backups: tuple[Backup, ...]
+    """What to keep for the next decision when a manoeuvre of `now` is taken."""
+    later_backups: tuple[Backup, ...]
+    """The same, when the decision's action is taken and a manoeuvre of `later` may follow."""
 
 
 def manoeuvres(
@@ -47,10 +62,15 @@ def manoeuvres(
     state: Float[np.ndarray, "4"],
     decision: Decision,
     times: Float[np.ndarray, "T"],
+    backup: Backup,
 ) -> Manoeuvres:
-    """Manoeuvres of the ego from its present state, by the kind of its motion."""
-    drives = isinstance(scene.game.players[ego].dynamics, Vehicle)
-    return (_driving if drives else _walking)(scene, ego, state, decision, times)
+    """Manoeuvres of the ego from its present state, by the kind of its motion.
+
+    `backup` is that of the manoeuvre by which the last decision was found to be safe, if any.
+    """
+    if isinstance(scene.game.players[ego].dynamics, Vehicle):
+        return _driving(scene, ego, state, decision, times, backup)
+    return _walking(scene, ego, state, decision, times)
 
 
 def limits(box: Bounds | None, size: int) -> tuple[np.ndarray, np.ndarray]:
@@ -79,7 +99,16 @@ def _walking(
     ends = np.concatenate([targets, after[None]])
     _, end = walk(moved, ends, strongest, times[~first] - dt, dt)
     begin = np.broadcast_to(begin, (len(ends), *begin.shape[1:]))
-    return Manoeuvres(controls, now, np.concatenate([begin, end], axis=1))
+    later = np.concatenate([begin, end], axis=1)
+    return Manoeuvres(
+        controls,
+        now,
+        later,
+        np.zeros(len(now)),
+        np.zeros(len(later)),
+        (None,) * len(now),
+        (None,) * len(later),
+    )
 
 
 def walk(
@@ -125,40 +154,51 @@ def _driving(
     state: Float[np.ndarray, "4"],
     decision: Decision,
     times: Float[np.ndarray, "T"],
+    backup: Backup,
 ) -> Manoeuvres:
     player, dt = scene.game.players[ego], scene.dt
     action = decision.action.astype(float)
     low, high = limits(player.control_bounds, 2)
     fastest = float(limits(player.state_bounds, 4)[1][2])
-    route = scene.own(ego).theta.get("path")
-    path = path_ahead(
-        state[[0, 1, 3]],
+    pose, route = state[[0, 1, 3]], scene.own(ego).theta.get("path")
+    planned = path_ahead(
+        pose,
         np.zeros((0, 2)) if decision.planned is None else decision.planned,
         None if route is None else route[:, :3],
     )
     speed = max(float(state[2]), 0.0)
+    after = float(np.clip(speed + dt * action[0], 0.0, fastest))
+    step = 0.5 * dt * (speed + after)
     length = max(SWERVE_TIME * speed, LEAST_SWERVE)
-    levels = np.linspace(low[0], high[0], LEVELS)
+    paths = [swerved(planned, offset, step, length) for offset in SWERVES]
+    if backup is not None:
+        paths.append(path_ahead(pose, backup[:, 1:3], None))
 
     aim = np.full((1, 1), max(AIM_TIME * speed, LEAST_AIM))
     steering = [action[1]]
-    for offset in SWERVES[1:]:
-        target = beside(path, aim, offset, 0.0, length)[0, 0, :2]
+    for path in paths[1:]:
+        target = along(path, aim)[0, 0, :2]
         steering.append(pursuit(player.dynamics, state, target, (float(low[1]), float(high[1]))))
+    levels = np.linspace(low[0], high[0], LEVELS)
     # A car that comes to rest within the step needs no stronger braking.
     braked = np.maximum(levels, -speed / dt)
-    controls = np.concatenate(
-        [np.column_stack([braked, np.full(LEVELS, angle)]) for angle in steering]
-    )
+    controls = [np.column_stack([braked, np.full(LEVELS, angle)]) for angle in steering]
     ways = covered_distance(speed, levels, fastest, times)
-    now = np.concatenate([beside(path, ways, offset, 0.0, length) for offset in SWERVES])
+    now = [along(path, ways) for path in paths]
 
-    after = float(np.clip(speed + dt * action[0], 0.0, fastest))
-    step = 0.5 * dt * (speed + after)
     first = times <= dt
     begin = covered_distance(speed, action[:1], fastest, times[first])
     ends = np.append(levels, action[0])
     end = step + covered_distance(after, ends, fastest, times[~first] - dt)
     ways = np.concatenate([np.broadcast_to(begin, (len(ends), begin.shape[1])), end], axis=1)
-    later = [beside(path, ways, offset, step, length) for offset in SWERVES]
-    return Manoeuvres(controls, now, np.concatenate(later))
+    later = [along(path, ways) for path in paths]
+    margins = np.array([0.0] + [SWERVE_MARGIN] * (len(paths) - 1))
+    return Manoeuvres(
+        np.concatenate(controls),
+        np.concatenate(now),
+        np.concatenate(later),
+        np.repeat(margins, len(levels)),
+        np.repeat(margins, len(ends)),
+        tuple(path for path in paths for _ in levels),
+        tuple(path for path in paths for _ in ends),
+    )

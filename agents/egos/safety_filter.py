@@ -21,7 +21,7 @@ import numpy as np
 from jaxtyping import Float
 
 from agents.egos.checks import check_memory
-from agents.egos.manoeuvres import manoeuvres
+from agents.egos.manoeuvres import Backup, manoeuvres
 from agents.egos.perception import Perception
 from agents.egos.reachable import clearances
 from agents.interfaces.policy import Decision, EgoPolicy
@@ -58,6 +58,8 @@ class FilterMemory(NamedTuple):
 
     policy: Any
     perception: Perception
+    backup: Backup = None
+    """By which the last decision was found to be safe."""
 
 
 @dataclass(frozen=True)
@@ -89,38 +91,45 @@ class SafetyFilter:
         """See `EgoPolicy`."""
         check_memory(memory, FilterMemory)
         policy = self.policy.update(memory.policy, observation, info)
-        return FilterMemory(policy, memory.perception.taking(observation, info))
+        return memory._replace(
+            policy=policy, perception=memory.perception.taking(observation, info)
+        )
 
     @no_type_check
     def act(self, memory: FilterMemory) -> tuple[Decision, FilterMemory]:
         """See `EgoPolicy`; `Decision.intervention` says whether the action was replaced."""
         check_memory(memory, FilterMemory)
         decision, policy = self.policy.act(memory.policy)
-        perception = memory.perception
+        perception, backup = memory.perception, None
         if not perception.missing:
-            decision = self._filtered(perception, decision)
-        return decision, FilterMemory(policy, perception.acted(decision.action))
+            decision, backup = self._filtered(perception, decision, memory.backup)
+        return decision, FilterMemory(policy, perception.acted(decision.action), backup)
 
-    def _filtered(self, perception: Perception, decision: Decision) -> Decision:
+    def _filtered(
+        self, perception: Perception, decision: Decision, backup: Backup
+    ) -> tuple[Decision, Backup]:
+        """Return the decision or its replacement, and the backup for the next one."""
         scene, ego = perception.scene, perception.ego
         drives = isinstance(scene.game.players[ego].dynamics, Vehicle)
         bounds = self.driving if drives else self.walking
         step = scene.dt / np.ceil(scene.dt / CHECK_STEP)
         times = step * np.arange(1, round(bounds.horizon / step) + 1)
-        possible = manoeuvres(scene, ego, perception.states()[ego], decision, times)
-        margin = LEAST_MARGIN + bounds.deviations * scene.noise_std
+        possible = manoeuvres(scene, ego, perception.states()[ego], decision, times, backup)
+        errors = LEAST_MARGIN + bounds.deviations * scene.noise_std
+        margin = errors + np.concatenate([possible.now_margin, possible.later_margin])[:, None]
         poses = np.concatenate([possible.now, possible.later])
         clear = clearances(perception, poses, times, bounds.acceleration)
         violation = _violation(clear.worst - margin) + CONTACT * _violation(clear.expected - margin)
-        now, later = violation[: len(possible.now)], violation[len(possible.now) :].min()
+        now, later = violation[: len(possible.now)], violation[len(possible.now) :]
         least = now.min()
-        if later <= 0.0 or (least > 0.0 and later <= least + GAIN):
-            return decision
+        if later.min() <= 0.0 or (least > 0.0 and later.min() <= least + GAIN):
+            return decision, possible.later_backups[int(np.argmin(later))]
         away = np.sum((possible.controls - decision.action) ** 2, axis=1)
         passing = now <= 0.0
-        chosen = np.argmin(np.where(passing, away, np.inf)) if passing.any() else np.argmin(now)
-        action = possible.controls[int(chosen)].astype(np.float32)
-        return replace(decision, action=action, intervention=True)
+        chosen = int(np.argmin(np.where(passing, away, np.inf) if passing.any() else now))
+        action = possible.controls[chosen].astype(np.float32)
+        replaced = replace(decision, action=action, intervention=True)
+        return replaced, possible.now_backups[chosen]
 
 
 def _violation(clearance: Float[np.ndarray, "M T"]) -> Float[np.ndarray, "M"]:

@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from agents.egos.car_paths import along, beside, covered_distance, path_ahead, pursuit
+from agents.egos.car_paths import along, covered_distance, path_ahead, pursuit, swerved
 from agents.egos.manoeuvres import velocities, walk
 from foresight_env.games import DoubleIntegrator, KinematicBicycle, SlipBicycle
 
@@ -73,16 +73,17 @@ def test_a_path_leads_through_the_plan_and_then_along_the_route():
 
 def test_a_swerve_ends_beside_the_path_and_heads_where_it_moves():
     path = path_ahead(np.array([1.0, 2.0, 0.3]), np.zeros((0, 2)), None)
-    covered = np.linspace(0.0, 30.0, 3001)[None]
-    poses = beside(path, covered, 1.5, 5.0, 12.0)[0]
-    straight = along(path, covered)[0]
-    left = np.array([-np.sin(0.3), np.cos(0.3)])
-    offset = (poses[:, :2] - straight[:, :2]) @ left
-    assert np.allclose(offset[covered[0] <= 5.0], 0.0)
-    assert np.allclose(offset[covered[0] >= 17.0], 1.5)
+    swerve = swerved(path, 1.5, 5.0, 12.0)
+    poses = along(swerve, np.linspace(0.0, 30.0, 3001)[None])[0]
+    direction, left = np.array([np.cos(0.3), np.sin(0.3)]), np.array([-np.sin(0.3), np.cos(0.3)])
+    ahead = (poses[:, :2] - [1.0, 2.0]) @ direction
+    offset = (poses[:, :2] - [1.0, 2.0]) @ left
+    assert np.allclose(offset[ahead <= 5.0], 0.0, atol=1e-9)
+    assert np.allclose(offset[ahead >= 17.0], 1.5)
     steps = np.diff(poses[:, :2], axis=0)
     middle = 0.5 * (poses[1:, 2] + poses[:-1, 2])
-    np.testing.assert_allclose(np.arctan2(*steps.T[::-1]), middle, atol=1e-4)
+    # Straight between its points, which are a metre apart.
+    np.testing.assert_allclose(np.arctan2(*steps.T[::-1]), middle, atol=0.03)
 
 
 @pytest.mark.parametrize("dynamics", [SlipBicycle(0.02), KinematicBicycle(0.02, 2.7)], ids=repr)

@@ -106,7 +106,7 @@ def test_nothing_is_replaced_without_others_near():
     for seed in range(20):
         space.seed(seed)
         decision = Decision(space.sample())
-        assert filter_._filtered(memory.perception, decision) is decision
+        assert filter_._filtered(memory.perception, decision, None)[0] is decision
 
 
 def test_worst_cases_are_no_clearer_than_the_expected():
