@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from shutil import copyfile
@@ -28,14 +28,18 @@ from evaluation.reports.intersection import (
 )
 from evaluation.reports.naming import OTHERS, label_of
 from evaluation.reports.prediction import error_over_time, print_prediction
+from evaluation.reports.safety import print_safety
 from evaluation.reports.tables import print_closed_loop, print_estimation
 from evaluation.reports.value import print_value, value_figure
 from evaluation.rollout.clairvoyant import CLAIRVOYANT
 from evaluation.rollout.endings import COLLISION
 from evaluation.rollout.places import SETTINGS
 from evaluation.rollout.setting import RunSetting
+from evaluation.rollout.surprises import SURPRISES
 from evaluation.studies.benchmark import Plan
 from evaluation.studies.closed_loop import summarise
+from evaluation.studies.driving import DrivingSetting
+from evaluation.studies.safety import setting_under
 from evaluation.studies.value import BASELINE
 from evaluation.studies.value_summary import harmed
 from evaluation.windows.table import with_windows
@@ -117,6 +121,7 @@ def section(results: Results, notes: Console) -> Section:
         "closed loop": _closed_loop,
         "driving": _driving,
         "value of information": _value,
+        "safety": _safety,
         "prediction": _prediction,
         "benchmark, open loop": _open_benchmark,
         "benchmark, closed loop": _closed_benchmark,
@@ -175,6 +180,7 @@ def _closed_loop(results: Results, notes: Console) -> Section:
         observation=told["observation"],
         noise_std=told["noise_std"],
         behaviour=told["behaviour"],
+        safety_filter=told["safety_filter"],
     )
     chosen = _chosen(rows, lambda r: bool(r["collision"]))
     found.episodes += [Watched(r["ego"], r["seed"], setting, "Crosswalk", w) for r, w in chosen]
@@ -199,9 +205,7 @@ def _driving(results: Results, notes: Console) -> Section:
                 f"{where}: distances to others and to the goal over time",
             )
             mine = [r for r in rows if (r["scene"], r["others"]) == (scene, other)]
-            setting = RunSetting(
-                "driving", scene, told["cars"], told["observation"], told["noise_std"], other
-            )
+            setting = DrivingSetting(**told).of(scene, other)
             title = where[0].upper() + where[1:]
             chosen = _chosen(mine, lambda r: r["ended"] == COLLISION, most=1)
             found.episodes += [Watched(r["ego"], r["seed"], setting, title, w) for r, w in chosen]
@@ -220,13 +224,34 @@ def _value(results: Results, notes: Console) -> Section:
         lambda path: value_figure(rows, settings, present, path),
         "Cost saved against the ego that assumes gamma = 1, and episodes with harm",
     )
+    filtered = bool(results.configuration.get("safety_filter", False))
     for setting in settings:
         mine = [r for r in rows if r["setting"] == setting and r["ego"] != CLAIRVOYANT]
         title = setting.replace("_", " ")
+        run = replace(SETTINGS[setting], safety_filter=filtered)
         found.episodes += [
-            Watched(r["ego"], r["seed"], SETTINGS[setting], title, why)
+            Watched(r["ego"], r["seed"], run, title, why)
             for r, why in _chosen(mine, harmed, most=2)
         ]
+    return found
+
+
+def _safety(results: Results, notes: Console) -> Section:
+    rows = results.rows
+    settings, egos = _names(rows, "setting"), _names(rows, "ego")
+    surprises = tuple(name for name in SURPRISES if name in _names(rows, "surprise"))
+    print_safety(notes, rows, settings, surprises, egos)
+    found = Section("Safety: harm, and what avoiding it costs", results)
+    filtered = bool(results.configuration["safety_filter"])
+    for setting in settings:
+        for surprise in surprises:
+            mine = [r for r in rows if (r["setting"], r["surprise"]) == (setting, surprise)]
+            harm = [r for r in _chosen(mine, harmed, most=2) if harmed(r[0])]
+            title = f"{setting.replace('_', ' ')}, {surprise}"
+            run = setting_under(setting, surprise, filtered) if harm else None
+            found.episodes += [
+                Watched(r["ego"], r["seed"], run, title, why) for r, why in harm if run is not None
+            ]
     return found
 
 

@@ -28,7 +28,12 @@ def episode_rows():
                 "min_distance": 0.5 - 0.1 * seed,
                 "cost": 10.0 * seed,
             }
-            row |= {"failed_plans": 1, "failed_fits": 2, "latencies": [30.0, 40.0, 10.0, 20.0]}
+            row |= {
+                "interventions": 4,
+                "failed_plans": 1,
+                "failed_fits": 2,
+                "latencies": [30.0, 40.0, 10.0, 20.0],
+            }
             rows.append(row)
     rows[-1] = {**dict.fromkeys(rows[-1]), "ego": "assume-gamma-1", "seed": 2, "error": "no luck"}
     rows[1] |= {"goal_reached": False, "time_out": True}

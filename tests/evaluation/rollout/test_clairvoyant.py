@@ -7,6 +7,7 @@ from evaluation.rollout import clairvoyant
 from evaluation.rollout.clairvoyant import Clairvoyant
 from evaluation.rollout.endings import COLLISION, ending
 from evaluation.rollout.episode import begin_episode, episode
+from evaluation.rollout.setting import RunSetting
 from evaluation.rollout.simulation import Score, simulate
 from tests.support.small_crossings import crossing
 
@@ -16,7 +17,7 @@ NOTHING = np.zeros((1, 2))
 
 def recorded(ego, seed, **arguments):
     env = crossing(max_steps=30, **arguments)
-    return env, list(episode(env, ego, seed, GAMMAS))
+    return env, list(episode(env, RunSetting(others_gamma=GAMMAS), ego, seed))
 
 
 @pytest.mark.parametrize("ego", ["oracle", "constant-velocity"])

@@ -22,6 +22,7 @@ def row(ego, seed, ended, time, gap, **others):
         "rms_acceleration": 1.0,
         "rms_jerk": 2.0,
         "rms_lateral": 3.0,
+        "interventions": 2,
         "failed_plans": 1,
         "failed_fits": 0,
         "oracle_failures": 0,
