@@ -20,7 +20,7 @@ import jax
 import numpy as np
 
 from benchmarks.forward import LEAST_GAMMA, draw
-from benchmarks.report import Result, Row, Setting
+from benchmarks.report import Arguments, Result, TableRow
 from benchmarks.timing import ROOT, median_seconds, processor, seconds_of
 from foresight_env.equilibrium import Status, solve_many
 from foresight_env.scenarios.crosswalk import MONTE_CARLO, crosswalk_game
@@ -82,7 +82,7 @@ def measured(horizon: int, batch_size: int, games: int, platform: str | None) ->
         return Batch(**json.loads(run.stdout.splitlines()[-1]), states=np.load(file))
 
 
-def row(horizon: int, batch_size: int, games: int, batch: Batch, beside: Batch) -> Row:
+def row(horizon: int, batch_size: int, games: int, batch: Batch, beside: Batch) -> TableRow:
     """One line; `beside`: the processor's batch of the same games, as many as it had."""
     common = min(len(batch.states), len(beside.states))
     apart = np.abs(batch.states[:common] - beside.states[:common]).max(axis=(1, 2))
@@ -99,17 +99,17 @@ def row(horizon: int, batch_size: int, games: int, batch: Batch, beside: Batch) 
     }
 
 
-def run(setting: Setting) -> list[Result]:
+def run(arguments: Arguments) -> list[Result]:
     """The study; without an accelerator there is nothing to compare."""
     title = "Many games at once on an accelerator"
     if jax.default_backend() == "cpu":
         note = "JAX finds no accelerator here; nothing was measured."
-        return [Result(title, note, []).show(setting.console)]
+        return [Result(title, note, []).show(arguments.console)]
     rows = []
-    for horizon in HORIZONS[-1:] if setting.quick else HORIZONS:
+    for horizon in HORIZONS[-1:] if arguments.quick else HORIZONS:
         beside = measured(horizon, 1, PROCESSOR_GAMES, "cpu")
         rows.append(row(horizon, 1, PROCESSOR_GAMES, beside, beside))
-        for width in WIDTHS[:1] if setting.quick else WIDTHS:
+        for width in WIDTHS[:1] if arguments.quick else WIDTHS:
             batch = measured(horizon, width, 2 * width, None)
             rows.append(row(horizon, width, 2 * width, batch, beside))
     note = (
@@ -118,7 +118,7 @@ def run(setting: Setting) -> list[Result]:
         f"{len(os.sched_getaffinity(0))} cores. Same solution: states of the processor's games "
         "to 1e-6 m and m/s."
     )
-    return [Result(title, note, rows).show(setting.console)]
+    return [Result(title, note, rows).show(arguments.console)]
 
 
 if __name__ == "__main__":

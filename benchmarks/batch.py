@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 
 from benchmarks.forward import LEAST_GAMMA, draw
-from benchmarks.report import Result, Row, Setting
+from benchmarks.report import Arguments, Result, TableRow
 from benchmarks.timing import Yardstick, median_seconds
 from foresight_env.equilibrium import Status, solve, solve_many
 from foresight_env.scenarios.crosswalk import MONTE_CARLO, crosswalk_game
@@ -19,7 +19,7 @@ WANTED = {10: 5000.0, 25: 800.0}
 REFERENCE_YARDSTICK = 2.5e-3
 
 
-def row(horizon: int, games: int, threads: int) -> Row:
+def row(horizon: int, games: int, threads: int) -> TableRow:
     """One line: `solve_many` on all games, `solve` on the first hundred of them."""
     game = crosswalk_game(2, horizon)
     drawn = draw(games, LEAST_GAMMA)
@@ -49,9 +49,9 @@ def row(horizon: int, games: int, threads: int) -> Row:
     }
 
 
-def run(setting: Setting) -> list[Result]:
+def run(arguments: Arguments) -> list[Result]:
     """The study."""
-    games = 256 if setting.quick else 1024
+    games = 256 if arguments.quick else 1024
     rows = [row(horizon, games, threads) for horizon in HORIZONS for threads in (1, 2)]
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     note = (
@@ -60,4 +60,4 @@ def run(setting: Setting) -> list[Result]:
         f"cores, is scaled by the yardstick ({1e3 * REFERENCE_YARDSTICK} ms there). Peak memory of "
         f"the process: {peak:.0f} MiB."
     )
-    return [Result("Many games at once", note, rows).show(setting.console)]
+    return [Result("Many games at once", note, rows).show(arguments.console)]

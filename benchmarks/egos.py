@@ -6,7 +6,7 @@ import tempfile
 from pathlib import Path
 
 from agents import EGOS
-from benchmarks.report import Result, Row, Setting
+from benchmarks.report import Arguments, Result, TableRow
 from benchmarks.timing import Yardstick
 from evaluation.metrics.statistics import Interval
 from evaluation.rollout.setting import MAX_STEPS
@@ -18,13 +18,13 @@ def told(interval: Interval) -> str:
     return f"{interval.mean:.2f} [{interval.low:.2f}, {interval.high:.2f}]"
 
 
-def run(setting: Setting) -> list[Result]:
+def run(arguments: Arguments) -> list[Result]:
     """The study; `quick` has 4 seeds, else 100."""
-    seeds = 4 if setting.quick else 100
+    seeds = 4 if arguments.quick else 100
     yardstick = Yardstick.measure()
     with tempfile.TemporaryDirectory() as folder:
         trials = study(Path(folder) / "closed_loop", tuple(EGOS), range(seeds))
-    rows: list[Row] = []
+    rows: list[TableRow] = []
     for ego in EGOS:
         found = summarise(trials, ego)
         rows.append(
@@ -49,4 +49,4 @@ def run(setting: Setting) -> list[Result]:
         f"episode without arrival counts with {MAX_STEPS / 10:g} s. {yardstick.note} Latencies "
         "are taken with one process per core at work."
     )
-    return [Result("Egos in the closed loop", note, rows).show(setting.console)]
+    return [Result("Egos in the closed loop", note, rows).show(arguments.console)]

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.report import Result, Row, Setting
+from benchmarks.report import Arguments, Result, TableRow
 from benchmarks.timing import Yardstick, median_seconds
 from foresight_env.equilibrium import Status, shift, solve, verify
 from foresight_env.games import Game, full_state, inside_bounds
@@ -41,7 +41,7 @@ def draw(
     return states, theta, random.uniform(0.5, 1.0, len(kinds))
 
 
-def row(name: str, kinds: tuple[str, ...], games: int) -> Row:
+def row(name: str, kinds: tuple[str, ...], games: int) -> TableRow:
     """One line of the table."""
     game: Game = intersection_game(kinds, AACHEN.lanes, AACHEN.region)
     random = np.random.default_rng(0)
@@ -91,7 +91,7 @@ BELIEF = Prior(
 WANTED_INVERSE_SECONDS = 0.5
 
 
-def inverse_row(name: str, kinds: tuple[str, ...], games: int) -> Row:
+def inverse_row(name: str, kinds: tuple[str, ...], games: int) -> TableRow:
     """All parameters from the reference's starts: goals where last seen, weights at their start."""
     game = intersection_game(kinds, AACHEN.lanes, AACHEN.region)
     random = np.random.default_rng(1)
@@ -143,9 +143,9 @@ def inverse_row(name: str, kinds: tuple[str, ...], games: int) -> Row:
     }
 
 
-def run(setting: Setting) -> list[Result]:
+def run(arguments: Arguments) -> list[Result]:
     """The study; `quick` has 10 games of each kind, else 100."""
-    games = 10 if setting.quick else 100
+    games = 10 if arguments.quick else 100
     rows = [row(name, kinds, games) for name, kinds in KINDS.items()]
     note = (
         "28 stages of 0.24 s, all corners, road sides and limits as hard constraints, gamma "
@@ -154,8 +154,8 @@ def run(setting: Setting) -> list[Result]:
         "equilibria: of those solved, by `verify`. Wanted: "
         f"{1e3 * WANTED_SECONDS:g} ms at a yardstick of 2.5 ms."
     )
-    forward = Result("The published intersection", note, rows).show(setting.console)
-    windows = 1 if setting.quick else 5
+    forward = Result("The published intersection", note, rows).show(arguments.console)
+    windows = 1 if arguments.quick else 5
     inverse = [inverse_row(name, kinds, windows) for name, kinds in KINDS.items()]
     about = (
         f"Windows of 29 stages of such games, observed in full with noise {NOISE} (m, m/s, rad); "
@@ -164,4 +164,4 @@ def run(setting: Setting) -> list[Result]:
         f"Wanted: {1e3 * WANTED_INVERSE_SECONDS:g} ms at a yardstick of 2.5 ms."
     )
     title = "The published intersection, inverse"
-    return [forward, Result(title, about, inverse).show(setting.console)]
+    return [forward, Result(title, about, inverse).show(arguments.console)]

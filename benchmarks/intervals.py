@@ -6,7 +6,7 @@ import time
 
 import numpy as np
 
-from benchmarks.report import Result, Row, Setting
+from benchmarks.report import Arguments, Result, TableRow
 from benchmarks.timing import Yardstick
 from evaluation.metrics.trajectory import trajectory_error
 from evaluation.studies.estimation import (
@@ -36,7 +36,9 @@ def gamma_told(found: Estimate) -> np.ndarray:
     return found.gamma_identifiable
 
 
-def row(observation: str, std: float, variant: str, sequences: int, yardstick: Yardstick) -> Row:
+def row(
+    observation: str, std: float, variant: str, sequences: int, yardstick: Yardstick
+) -> TableRow:
     """One line of the table."""
     found, seconds = [], []
     for k in range(sequences):
@@ -72,17 +74,17 @@ def row(observation: str, std: float, variant: str, sequences: int, yardstick: Y
     }
 
 
-def run(setting: Setting) -> list[Result]:
+def run(arguments: Arguments) -> list[Result]:
     """The study; `quick` has one level of 4 sequences."""
-    sequences, stds = (4, STDS[1:2]) if setting.quick else (40, STDS)
+    sequences, stds = (4, STDS[1:2]) if arguments.quick else (40, STDS)
     yardstick = Yardstick.measure()
-    rows: list[Row] = []
+    rows: list[TableRow] = []
     for observation in OBSERVATIONS:
         for profile, posterior in VARIANTS.values():  # compiles
             fit(observation, STDS[0], 0, "infer-gamma", profile=profile, posterior=posterior)
         for std in stds:
             for name in VARIANTS:
-                with setting.console.status(f"{observation}, {std:g} m, {name}"):
+                with arguments.console.status(f"{observation}, {std:g} m, {name}"):
                     rows.append(row(observation, std, name, sequences, yardstick))
     note = (
         f"Crosswalk, T = 25, 14 unknowns, {sequences} sequences of the Monte Carlo study per line, "
@@ -91,4 +93,4 @@ def run(setting: Setting) -> list[Result]:
         "profile replaces a fit by a better one that it meets. Posterior: its means instead of the "
         f"best fit's values. {yardstick.note}"
     )
-    return [Result("Intervals of discount factors", note, rows).show(setting.console)]
+    return [Result("Intervals of discount factors", note, rows).show(arguments.console)]

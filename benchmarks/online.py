@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from benchmarks.report import Result, Row, Setting
+from benchmarks.report import Arguments, Result, TableRow
 from benchmarks.stress import cars, driving_game
 from benchmarks.timing import Yardstick
 from foresight_env.equilibrium import Status, shift, solve
@@ -28,7 +28,7 @@ BEFORE, AFTER = 0.9, 0.45
 
 
 @dataclass(frozen=True)
-class Case:
+class OnlineGame:
     """What is estimated online."""
 
     name: str
@@ -66,16 +66,16 @@ def driving(random: np.random.Generator) -> tuple[Any, Any, np.ndarray]:
     return drawn.states, list(drawn.theta), np.append(0.95, random.uniform(0.3, 1.0, 3))
 
 
-def cases() -> list[Case]:
+def cases() -> list[OnlineGame]:
     """The crosswalk and four cars, with the noise of the closed-loop studies."""
     walkers, drivers = crosswalk_game(2), driving_game(4, 11, hard=False)
     return [
-        Case("2 pedestrians, T = 25", walkers, 25, 0.05, full_state((4, 4)), crossing, 20e-3),
-        Case("4 cars, T = 11", drivers, 11, 0.1, positions((4,) * 4), driving, 50e-3),
+        OnlineGame("2 pedestrians, T = 25", walkers, 25, 0.05, full_state((4, 4)), crossing, 20e-3),
+        OnlineGame("4 cars, T = 11", drivers, 11, 0.1, positions((4,) * 4), driving, 50e-3),
     ]
 
 
-def estimator(case: Case) -> MovingHorizonEstimator:
+def estimator(case: OnlineGame) -> MovingHorizonEstimator:
     """Player 0 knows itself and infers goals and discount factors of the others."""
     players = len(case.game.players)
     return MovingHorizonEstimator(
@@ -90,7 +90,7 @@ def estimator(case: Case) -> MovingHorizonEstimator:
 
 
 def walk(
-    case: Case,
+    case: OnlineGame,
     random: np.random.Generator,
     *,
     change: bool = False,
@@ -123,7 +123,7 @@ def walk(
     return found._replace(failures=belief.failures)
 
 
-def latency(case: Case, episodes: int) -> Row:
+def latency(case: OnlineGame, episodes: int) -> TableRow:
     """How long updates take, compilation apart."""
     random = np.random.default_rng(0)
     walk(case, random)
@@ -143,7 +143,7 @@ def latency(case: Case, episodes: int) -> Row:
     }
 
 
-def tracking(case: Case, episodes: int, dropped: float) -> Row:
+def tracking(case: OnlineGame, episodes: int, dropped: float) -> TableRow:
     """Inferred discount factor before and after the true one changes."""
     walks = [
         walk(case, np.random.default_rng([7, k]), change=True, dropped=dropped, steps=CHANGE + 16)
@@ -172,9 +172,9 @@ def tracking(case: Case, episodes: int, dropped: float) -> Row:
     }
 
 
-def run(setting: Setting) -> list[Result]:
+def run(arguments: Arguments) -> list[Result]:
     """The study; `quick` has 2 episodes each instead of 40."""
-    episodes = 2 if setting.quick else 40
+    episodes = 2 if arguments.quick else 40
     both = cases()
     first = (
         f"Window of {WINDOW} observations, {episodes} episodes of {STEPS} steps; the ego infers "
@@ -186,10 +186,12 @@ def run(setting: Setting) -> list[Result]:
         "Medians over episodes, with 10 and 90 % quantiles. Broken off: the true game failed."
     )
     return [
-        Result("Online updates", first, [latency(c, episodes) for c in both]).show(setting.console),
+        Result("Online updates", first, [latency(c, episodes) for c in both]).show(
+            arguments.console
+        ),
         Result(
             "A discount factor that changes",
             second,
             [tracking(both[0], episodes, dropped) for dropped in (0.0, 0.2)],
-        ).show(setting.console),
+        ).show(arguments.console),
     ]

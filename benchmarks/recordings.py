@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.report import Result, Row, Setting
+from benchmarks.report import Arguments, Result, TableRow
 from benchmarks.timing import ROOT, Yardstick, seconds_of
 from foresight_env.datasets import (
     DUT_RATE,
@@ -63,7 +63,7 @@ def write(source: str, folder: Path, tracks: int) -> Path:
     return write_ucy(recording, folder / "obsmat.txt", overwrite=True)
 
 
-def row(source: str, megabytes: float) -> Row:
+def row(source: str, megabytes: float) -> TableRow:
     """One line of the table."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -109,16 +109,16 @@ def read_plainly(file: Path) -> int:
     return count
 
 
-def run(setting: Setting) -> list[Result]:
+def run(arguments: Arguments) -> list[Result]:
     """The study; `quick` takes files of 10 MB."""
-    megabytes = 10 if setting.quick else MEGABYTES
+    megabytes = 10 if arguments.quick else MEGABYTES
     rows = [row(source, megabytes) for source in FORMATS]
     note = (
         f"Made recordings, {FRAMES} rows per person, read by `open_recording` into a `Recording`, "
         "once, in a process of its own. Memory: the largest resident size less that before. Beside "
         "it a loop of Python's `csv.reader` and `float` over the same file, which keeps nothing."
     )
-    return [Result("Loading large recordings", note, rows).show(setting.console)]
+    return [Result("Loading large recordings", note, rows).show(arguments.console)]
 
 
 def largest_bytes() -> int:

@@ -10,12 +10,12 @@ from rich.console import Console
 from rich.table import Table
 
 Cell = str | int | float
-Row = dict[str, Cell]
+TableRow = dict[str, Cell]
 
 
 @dataclass(frozen=True)
-class Setting:
-    """What was asked for on the command line."""
+class Arguments:
+    """Command-line arguments of a benchmark."""
 
     console: Console
     quick: bool
@@ -31,7 +31,7 @@ class Result:
 
     title: str
     note: str
-    rows: Sequence[Row]
+    rows: Sequence[TableRow]
 
     def show(self, console: Console) -> Result:
         """Print and return itself."""

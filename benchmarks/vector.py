@@ -10,7 +10,7 @@ import numpy as np
 from gymnasium.vector import SyncVectorEnv
 
 import foresight_env.envs  # noqa: F401  (registers the environments)
-from benchmarks.report import Result, Row, Setting
+from benchmarks.report import Arguments, Result, TableRow
 from foresight_env.envs.crosswalk.vector import CrosswalkVectorEnv
 
 ID = "foresight/Crosswalk-v0"
@@ -38,10 +38,10 @@ def _rate(env: Any, steps: int, *, seed: int | None = None, skip: int = 0) -> fl
     return float(env.num_envs * steps / (time.perf_counter() - begin))
 
 
-def run(setting: Setting) -> list[Result]:
+def run(arguments: Arguments) -> list[Result]:
     """`quick` has a tenth of the environments and one repeat."""
-    count, repeats = (MANY // 8, 1) if setting.quick else (MANY, 3)
-    rows: list[Row] = []
+    count, repeats = (MANY // 8, 1) if arguments.quick else (MANY, 3)
+    rows: list[TableRow] = []
     for behaviour in ("open_loop", "receding"):
 
         def single(behaviour: str = behaviour) -> Any:
@@ -71,4 +71,4 @@ def run(setting: Setting) -> list[Result]:
         "Within episodes: the steps after the first, in which open-loop oracles have nothing to "
         f"solve. Resets included: 70 steps. Medians of {repeats}, compilation apart, all cores."
     )
-    return [Result("Many crosswalks at once", note, rows).show(setting.console)]
+    return [Result("Many crosswalks at once", note, rows).show(arguments.console)]

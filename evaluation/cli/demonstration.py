@@ -52,7 +52,7 @@ from evaluation.studies import closed_loop, estimation, prediction, value
 from evaluation.studies import driving as driving_study
 from evaluation.studies import intersection as intersection_study
 from evaluation.studies.closed_loop import ClosedLoop, summarise
-from evaluation.studies.driving import DrivingSetting
+from evaluation.studies.driving import DrivingConfiguration
 from evaluation.studies.heatmap import heatmap
 from evaluation.studies.intersection import least_observed, observed_steps
 from evaluation.studies.junction_comparison import compare
@@ -166,7 +166,7 @@ def evaluate_driving(
     scenes: tuple[str, ...],
     others: tuple[str, ...],
     egos: tuple[str, ...],
-    setting: DrivingSetting,
+    setting: DrivingConfiguration,
     workers: Workers,
     out: Path,
 ) -> None:

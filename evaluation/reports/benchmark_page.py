@@ -11,7 +11,14 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from evaluation.reports.benchmark_results import CLOSED, OPEN, Line, Metric, Part, Value
+from evaluation.reports.benchmark_results import (
+    CLOSED,
+    OPEN,
+    MethodResult,
+    Metric,
+    PlaceResult,
+    Value,
+)
 from evaluation.reports.digits import significant
 from evaluation.reports.failures import failed
 from evaluation.reports.naming import label_of
@@ -41,7 +48,7 @@ def interval(value: Value, unit: str) -> str:
     return f"{told} [{number(value.low, unit)}, {number(value.high, unit)}]"
 
 
-def cell(line: Line, metric: Metric) -> str:
+def cell(line: MethodResult, metric: Metric) -> str:
     """What a table shows of a metric."""
     value = line.values.get(metric.name, Value(float("nan")))
     if metric.name in INTERVALS:
@@ -66,7 +73,9 @@ ON_TERMINAL = ("ADE", "NLL", "collided", "time to goal", "1 s ahead")
 """What there is room for in 80 columns; the page and the CSV have the rest."""
 
 
-def print_parts(console: Console, parts: Sequence[Part], *, everything: bool = False) -> None:
+def print_parts(
+    console: Console, parts: Sequence[PlaceResult], *, everything: bool = False
+) -> None:
     """One table per part, best first; with `everything`, of all metrics."""
     for part in parts:
         table = Table(title=f"{part.loop}: {title(part)}")
@@ -98,18 +107,18 @@ def print_parts(console: Console, parts: Sequence[Part], *, everything: bool = F
     )
 
 
-def title(part: Part) -> str:
+def title(part: PlaceResult) -> str:
     """Place and number of cases."""
     counts = sorted({line.cases for line in part.lines if line.cases})
     place = part.place.replace("_", " ")
     return f"{place[0].upper()}{place[1:]}: {counts[0] if counts else 'no'} {part.cases}"
 
 
-def _any_failed(part: Part) -> bool:
+def _any_failed(part: PlaceResult) -> bool:
     return any(line.errors for line in part.lines)
 
 
-def write_page(parts: Sequence[Part], path: Path, subtitle: str) -> Path:
+def write_page(parts: Sequence[PlaceResult], path: Path, subtitle: str) -> Path:
     """One self-contained page, open loop and closed loop side by side."""
     templates = Environment(
         loader=PackageLoader("evaluation.reports"), autoescape=True, undefined=StrictUndefined
@@ -129,7 +138,9 @@ def write_page(parts: Sequence[Part], path: Path, subtitle: str) -> Path:
     return path
 
 
-def span(part: Part, line: Line, metric: Metric) -> tuple[float, float, float] | None:
+def span(
+    part: PlaceResult, line: MethodResult, metric: Metric
+) -> tuple[float, float, float] | None:
     """Where a mean and its interval lie between the least and the greatest of a column, 0 to 100.
 
     None where there is nothing to show.

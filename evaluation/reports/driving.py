@@ -20,7 +20,7 @@ from evaluation.reports.naming import OTHERS, colour_of, heading_of, label_of
 from evaluation.reports.tables import mean_and_half
 from evaluation.rollout.endings import COLLISION, OFF_ROAD, REACHED, TIME_OUT
 from evaluation.studies.driving import (
-    Summary,
+    DrivingSummary,
     good_rows,
     paired,
     summarise,
@@ -59,7 +59,7 @@ def print_driving(
         console.print(f"[red]{escape(failed(errors))}[/red]")
 
 
-def _table(title: str, summaries: Sequence[Summary], width: int) -> Table:
+def _table(title: str, summaries: Sequence[DrivingSummary], width: int) -> Table:
     table = Table(title=title)
     table.add_column("", no_wrap=True)
     for s in summaries:

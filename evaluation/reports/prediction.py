@@ -26,18 +26,18 @@ from foresight_env.games.kinds import is_vehicle
 FIRST = ("junction-game", "encounter-game")
 """Which predictor the others are compared with: the first of these that there is."""
 
-Part = tuple[str, str]
+DataSplit = tuple[str, str]
 """Data set and split."""
 Line = dict[str, str | int]
 """Of a table: cells by column."""
 
 
-def parts(rows: Sequence[Row]) -> list[Part]:
+def parts(rows: Sequence[Row]) -> list[DataSplit]:
     """Which data sets and splits there are."""
     return sorted({(r["source"], r["split"]) for r in rows})
 
 
-def _name(part: Part) -> str:
+def _name(part: DataSplit) -> str:
     return f"{part[0].upper()}, {part[1]}"
 
 
@@ -48,7 +48,7 @@ def predictors(rows: Sequence[Row]) -> list[str]:
     return sorted(names, key=lambda name: (name != first, name))
 
 
-def _of(rows: Sequence[Row], part: Part, predictor: str) -> list[Row]:
+def _of(rows: Sequence[Row], part: DataSplit, predictor: str) -> list[Row]:
     """One predictor's rows of windows that all predictors have finished, in the same order."""
     mine = [r for r in rows if (r["source"], r["split"]) == part]
     out = {tuple(r[k] for k in WINDOW) for r in mine if r["error"]}

@@ -27,7 +27,7 @@ Select = dict[str, Any]
 
 
 @dataclass(frozen=True)
-class Comparison:
+class PublishedNumber:
     """A published number, and how it is computed from the rows of a study."""
 
     what: str
@@ -104,10 +104,10 @@ def _both(
     observation: str,
     reference: tuple[str, str],
     find: Callable[[Select, Sequence[Row]], str],
-) -> tuple[Comparison, ...]:
+) -> tuple[PublishedNumber, ...]:
     """A number of both methods."""
     return tuple(
-        Comparison(
+        PublishedNumber(
             f"{what}, {label_of(method)}",
             value,
             "",
@@ -117,12 +117,12 @@ def _both(
     )
 
 
-PUBLISHED: dict[str, tuple[Comparison, ...]] = {
+PUBLISHED: dict[str, tuple[PublishedNumber, ...]] = {
     "estimation": (
         *_both("mean error from full states", "full", ("0.608", "0.176"), _error),
         *_both("mean error from positions", "positions", ("2.189", "0.273"), _error),
         *(
-            Comparison(
+            PublishedNumber(
                 f"error over the Cramer-Rao bound, {told}",
                 reference,
                 "",
@@ -139,22 +139,22 @@ PUBLISHED: dict[str, tuple[Comparison, ...]] = {
         *_both(
             "error without noise, positions", "positions", ("55.9", "15.2"), _error_without_noise
         ),
-        Comparison("error saved by inferring gamma", "33 %", "33 %", _saved),
+        PublishedNumber("error saved by inferring gamma", "33 %", "33 %", _saved),
     ),
     "driving": (
-        Comparison(
+        PublishedNumber(
             "left turn, infer-gamma: nearest to another car's middle",
             "",
             "above 6 m",
             partial(_left_turn, "infer-gamma", _least_distance),
         ),
-        Comparison(
+        PublishedNumber(
             "left turn, infer-gamma: goal reached",
             "",
             "50 of 50",
             partial(_left_turn, "infer-gamma", partial(_ends, REACHED)),
         ),
-        Comparison(
+        PublishedNumber(
             "left turn, infer-gamma: collisions",
             "",
             "0 of 50",

@@ -91,7 +91,7 @@ def study(
     )
 
 
-class Summary(NamedTuple):
+class ClosedLoopSummary(NamedTuple):
     """One ego's line of the table."""
 
     ego: str
@@ -118,7 +118,7 @@ class Summary(NamedTuple):
     """Decisions with an older estimate, because the latest fit failed."""
 
 
-def summarise(rows: list[Row], ego: str, dt: float = 0.1) -> Summary:
+def summarise(rows: list[Row], ego: str, dt: float = 0.1) -> ClosedLoopSummary:
     """Aggregate one ego's episodes; raises `ValueError` when it has none."""
     mine = [r for r in rows if r["ego"] == ego]
     good = [r for r in mine if not r["error"]]
@@ -129,7 +129,7 @@ def summarise(rows: list[Row], ego: str, dt: float = 0.1) -> Summary:
     times = np.array([r["time"] if r["goal_reached"] else MAX_STEPS * dt for r in good])
     distance = np.array([r["min_distance"] for r in good])
     latency = np.concatenate([np.asarray(r["latencies"]) for r in good])
-    return Summary(
+    return ClosedLoopSummary(
         ego,
         len(mine),
         sum(r["collision"] for r in good),

@@ -111,7 +111,7 @@ def to_solution(layout: Layout, raw: Equilibrium, parameters: Parameters) -> Sol
     )
 
 
-class Kind(IntEnum):
+class StartKind(IntEnum):
     """Kind of start of a concrete call; one compiled program serves all of them."""
 
     COLD = 0
@@ -140,7 +140,7 @@ def _solve_packed(
         return from_controls(layout, options, parameters, point.u)
 
     first = jax.lax.switch(kind, (cold, controls, lambda: point))
-    start = Start(first, kind == Kind.SOLUTION, limits=limits)
+    start = Start(first, kind == StartKind.SOLUTION, limits=limits)
     raw = equilibrium(layout, options, parameters, start)
     found = to_solution(layout, raw, parameters)
     states = jnp.concatenate(found.states, axis=1)
@@ -190,12 +190,12 @@ def _solve_concrete(
     initial_guess: Iterate | AnyArray | None,
     budget: Budget,
 ) -> Solution:
-    kind, point = Kind.COLD, blank_point(layout)
+    kind, point = StartKind.COLD, blank_point(layout)
     if isinstance(initial_guess, Iterate):
-        kind, point = Kind.SOLUTION, to_double(initial_guess)
+        kind, point = StartKind.SOLUTION, to_double(initial_guess)
     elif initial_guess is not None:
         controls: Any = np.asarray(initial_guess, dtype=float)
-        kind, point = Kind.CONTROLS, point._replace(u=controls)
+        kind, point = StartKind.CONTROLS, point._replace(u=controls)
     how = (np.asarray(int(kind)), limits_of(budget))
     packed = np.asarray(_solve_packed(layout, options, parameters, point, *how))
     if not packed[-NUMBERS]:

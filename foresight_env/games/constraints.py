@@ -29,7 +29,7 @@ from foresight_env.games.types import (
 )
 from foresight_env.games.vectors import squared_length
 
-Limits = tuple[tuple[float, ...], ...]
+BoundRows = tuple[tuple[float, ...], ...]
 Limit = float | Sequence[float] | np.ndarray
 """One side of a box: a number for all entries, one per entry, or one row per stage."""
 
@@ -41,8 +41,8 @@ class Bounds:
     Build it with `Bounds.box`; infinite entries are free.
     """
 
-    lower: Limits
-    upper: Limits
+    lower: BoundRows
+    upper: BoundRows
 
     @staticmethod
     def box(lower: Limit, upper: Limit, size: int) -> Bounds:

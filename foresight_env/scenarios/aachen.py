@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from foresight_env.games.roads import Circle, Lane, RoadSide
-from foresight_env.scenarios.intersection import Region, Setting
+from foresight_env.scenarios.intersection import IntersectionInstance, Region
 
 
 def _fitted(polynomial: Lane, start: float, end: float) -> Lane:
@@ -56,7 +56,7 @@ AACHEN_REGION = Region(
     low=(-35.0, 20.0),
     high=(10.0, 100.0),
 )
-AACHEN = Setting(
+AACHEN = IntersectionInstance(
     ("pedestrian", "pedestrian", "car", "car"),
     (None, None, AACHEN_TURNING, AACHEN_FOLLOWING),
     AACHEN_REGION,

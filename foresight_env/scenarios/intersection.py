@@ -222,7 +222,7 @@ def _region_constraints(
     return tuple(found)
 
 
-class Setting(NamedTuple):
+class IntersectionInstance(NamedTuple):
     """One intersection with its agents."""
 
     kinds: tuple[str, ...]

@@ -89,7 +89,7 @@ from foresight_env.envs.core.behaviours import BehaviourFactory
 from foresight_env.envs.core.parallel import WorldParallelEnv
 from foresight_env.envs.core.single import SingleAgentEnv, single_metadata
 from foresight_env.envs.crosswalk.world import crosswalk_world
-from foresight_env.names import Behaviour, Observation
+from foresight_env.names import BehaviourName, Observation
 from foresight_env.scenarios.crosswalk import DT, HORIZON, Proximity, Ranges
 
 
@@ -108,7 +108,7 @@ class CrosswalkParallelEnv(WorldParallelEnv):
         self,
         players: int = 2,
         controlled: tuple[int, ...] | Literal["all"] | None = (0,),
-        behaviour: Behaviour | BehaviourFactory = "receding",
+        behaviour: BehaviourName | BehaviourFactory = "receding",
         observation: Observation = "full",
         noise_std: float = 0.05,
         proximity: Proximity = "soft",

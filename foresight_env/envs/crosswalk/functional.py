@@ -26,7 +26,7 @@ from foresight_env.envs.crosswalk.world import GOAL_RADIUS, POSITION_LIMIT, VELO
 from foresight_env.equilibrium import Solution, Status, shift, solve
 from foresight_env.games import Game, stage_cost
 from foresight_env.games.types import AnyArray
-from foresight_env.names import Behaviour, Observation
+from foresight_env.names import BehaviourName, Observation
 from foresight_env.scenarios.crosswalk import (
     COLLISION_DISTANCE,
     CONTROL_LIMIT,
@@ -50,7 +50,7 @@ class CrosswalkSetting:
     """Arguments of the environment, as on its page."""
 
     players: int = 2
-    behaviour: Behaviour = "receding"
+    behaviour: BehaviourName = "receding"
     observation: Observation = "full"
     noise_std: float = 0.05
     proximity: Proximity = "soft"

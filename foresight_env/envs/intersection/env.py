@@ -100,7 +100,7 @@ from foresight_env.envs.core.behaviours import BehaviourFactory
 from foresight_env.envs.core.parallel import WorldParallelEnv
 from foresight_env.envs.core.single import SingleAgentEnv, single_metadata
 from foresight_env.envs.intersection.world import intersection_world
-from foresight_env.names import Behaviour, Observation
+from foresight_env.names import BehaviourName, Observation
 from foresight_env.scenarios.intersection import DT
 from foresight_env.scenarios.junction import HORIZON, MOST, JunctionRanges
 
@@ -124,7 +124,7 @@ class IntersectionParallelEnv(WorldParallelEnv):
         pedestrians: int = PEDESTRIANS,
         cars: int = CARS,
         controlled: tuple[int, ...] | Literal["first car", "all"] | None = "first car",
-        behaviour: Behaviour | BehaviourFactory = "receding",
+        behaviour: BehaviourName | BehaviourFactory = "receding",
         observation: Observation = "full",
         noise_std: float = 0.05,
         ranges: JunctionRanges = JunctionRanges(),

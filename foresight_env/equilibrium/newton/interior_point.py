@@ -23,7 +23,7 @@ from foresight_env.equilibrium.conditions.residual import Evaluation
 from foresight_env.equilibrium.conditions.rollout import feedback_rollout
 from foresight_env.equilibrium.linear_algebra.stagewise import Factor, factorise
 from foresight_env.equilibrium.newton.newton_system import (
-    Linear,
+    LinearComplementarity,
     direction,
     eliminate_pairs,
     fischer_burmeister,
@@ -103,10 +103,10 @@ def newton_step(
         damping: what is added to controls' curvature and to the softness of rows.
     """
 
-    def on_path() -> Linear:
+    def on_path() -> LinearComplementarity:
         return on_the_path(pairs, point, jnp.zeros(()))
 
-    def off_path() -> Linear:
+    def off_path() -> LinearComplementarity:
         return fischer_burmeister(pairs, point, end)
 
     linear = on_path() if semismooth is None else jax.lax.cond(semismooth, off_path, on_path)

@@ -28,7 +28,7 @@ the beginning, phases of games without a solution would take all their steps (`b
 FINAL_RESIDUAL = 1e-3
 
 
-class Linear(NamedTuple):
+class LinearComplementarity(NamedTuple):
     """Complementarity, linear in the step: `slope d_slack + own d_mult = target`, per pair."""
 
     slope: Float[Array, "T P"]
@@ -36,13 +36,15 @@ class Linear(NamedTuple):
     target: Float[Array, "T P"]
 
 
-def on_the_path(pairs: Pairs, point: Iterate, wanted: Array) -> Linear:
+def on_the_path(pairs: Pairs, point: Iterate, wanted: Array) -> LinearComplementarity:
     """`slack * multiplier` becomes `wanted`, to first order."""
     target = jnp.where(pairs.exists, wanted - point.slack * point.mult, 0.0)
-    return Linear(point.mult, point.slack, target)
+    return LinearComplementarity(point.mult, point.slack, target)
 
 
-def fischer_burmeister(pairs: Pairs, point: Iterate, barrier: Scalar | float) -> Linear:
+def fischer_burmeister(
+    pairs: Pairs, point: Iterate, barrier: Scalar | float
+) -> LinearComplementarity:
     """Newton on `slack + mult - r = 0` with `r = sqrt(slack^2 + mult^2 + 2 barrier)`.
 
     Differences of nearly equal numbers are written as quotients.
@@ -56,7 +58,7 @@ def fischer_burmeister(pairs: Pairs, point: Iterate, barrier: Scalar | float) ->
 
     total = s + m
     gap = jnp.where(total > 0.0, 2.0 * (barrier - s * m) / (r + jnp.abs(total)), r - total)
-    return Linear(
+    return LinearComplementarity(
         jnp.where(pairs.exists, rest(s, m), 0.0),
         jnp.where(pairs.exists, rest(m, s), 1.0),
         jnp.where(pairs.exists, gap, 0.0),
@@ -64,7 +66,7 @@ def fischer_burmeister(pairs: Pairs, point: Iterate, barrier: Scalar | float) ->
 
 
 class Eliminated(NamedTuple):
-    """Coefficients of `Linear` after slacks and multipliers are eliminated from the stage."""
+    """Coefficients of `LinearComplementarity` with slacks and multipliers eliminated."""
 
     ratios: Parts
     """Slopes over own coefficients of bounds; of rows and excess, own coefficients over slopes."""
@@ -78,7 +80,7 @@ def row_softness(error: Scalar, damping: Scalar) -> Scalar:
 
 
 def eliminate_pairs(
-    layout: Layout, pairs: Pairs, linear: Linear, softness: Scalar | float
+    layout: Layout, pairs: Pairs, linear: LinearComplementarity, softness: Scalar | float
 ) -> Eliminated:
     """Coefficients that the stage matrices and every right-hand side share.
 
@@ -122,7 +124,7 @@ def direction(
     ev: Evaluation,
     factor: Factor,
     eliminated: Eliminated,
-    linear: Linear,
+    linear: LinearComplementarity,
 ) -> Iterate:
     """Solve for one right-hand side and recover slacks and multipliers."""
     lin, res, n = ev.lin, ev.residual, layout.n

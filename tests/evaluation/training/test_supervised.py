@@ -191,7 +191,7 @@ def test_calibration_finds_the_factor():
 
     from agents.learned.features import Features
     from agents.learned.head import Futures
-    from evaluation.training.examples import Scenes
+    from evaluation.training.examples import Examples
 
     random = np.random.default_rng(0)
     target = random.normal(size=(200, 2, AHEAD, 2)).astype(np.float32)
@@ -202,7 +202,7 @@ def test_calibration_finds_the_factor():
         del seen
         return Futures(jnp.zeros((1, 2, AHEAD, 2)), jnp.full((1, 2, AHEAD, 2), 0.5), jnp.zeros(1))
 
-    data = Scenes(Features(*(blank for _ in Features._fields)), target, known)
+    data = Examples(Features(*(blank for _ in Features._fields)), target, known)
     assert calibration(network, data) == pytest.approx(2.0, rel=0.04)
 
 
