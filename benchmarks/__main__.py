@@ -41,6 +41,7 @@ class Study(StrEnum):
     PREDICTION = "prediction"
     WINDOWS = "windows"
     RECORDINGS = "recordings"
+    SENSITIVITY = "sensitivity"
     ROBUSTNESS = "robustness"
 
 

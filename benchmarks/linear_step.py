@@ -26,12 +26,12 @@ from foresight_env.equilibrium.conditions.pairs import pairs_of
 from foresight_env.equilibrium.conditions.residual import evaluate
 from foresight_env.equilibrium.linear_algebra.stagewise import StageSystem, factorise, solve_stages
 from foresight_env.equilibrium.newton.newton_system import (
-    LEAST_SOFTNESS,
     eliminate_pairs,
     on_the_path,
     stage_system,
 )
 from foresight_env.equilibrium.newton.start import begin
+from foresight_env.equilibrium.settings import Softness
 from foresight_env.scenarios.crosswalk import crosswalk_game, nominal_setting
 
 SIZES = ((2, 10), (2, 25), (2, 50), (4, 10), (4, 25))
@@ -53,7 +53,7 @@ class LinearSystem:
         pairs, point = pairs_of(layout), begin(layout, options, parameters, None).point
         ev = evaluate(layout, pairs, point, parameters, jnp.ones(()), options.barrier)
         eliminated = eliminate_pairs(
-            layout, pairs, on_the_path(pairs, point, jnp.zeros(())), LEAST_SOFTNESS
+            layout, pairs, on_the_path(pairs, point, jnp.zeros(())), Softness.least
         )
         self.system: StageSystem = stage_system(layout, point, ev, eliminated)
         self.sizes = layout.equal_sizes

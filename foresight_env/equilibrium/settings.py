@@ -29,6 +29,12 @@ class Convexification:
     """Factor of the residual above which a step is bad."""
     exact: float = 1e-3
     """Weight below which curvature is used exactly."""
+    restart: float = 2e-3
+    """Least weight that a bad step begins to raise: from exact curvature the weight is 0, and no
+    factor would raise that. `benchmarks.sensitivity`."""
+    sign_steps: int = 10
+    """Newton-Schulz steps for the positive part of the curvature: eigenvalues above a twentieth of
+    the matrix norm get their sign. `benchmarks.sensitivity`."""
 
 
 @dataclass(frozen=True)
@@ -51,8 +57,63 @@ class Damping:
     """Factor of the damping after another rejection."""
     fall: float = 0.1
     """Factor of the damping after a step that reduces the residual."""
+    end: float = 0.5
+    """Part of `begin` below which the damping is set to 0. `benchmarks.sensitivity`."""
     most: float = 1e6
     """Damping at which a phase ends."""
+
+
+@dataclass(frozen=True)
+class Softness:
+    """Proximal terms of multipliers in linear systems; `benchmarks.sensitivity` derives them.
+
+    Units: constraint value per multiplier. They vanish at the solution of a Newton iteration.
+    """
+
+    equality: float = 1e-8
+    """Of equality rows: keeps stage matrices regular without a constraint qualification."""
+    least: float = 1e-10
+    """Of inequality rows: no active row weighs more than its inverse in the stage matrices, where
+    rounding would swallow the players' own curvature."""
+    final: float = 1e-8
+    """The same where the residual is below `final_residual`, and multipliers hardly move any more.
+    From the beginning, phases of games without a solution would take all their steps."""
+    final_residual: float = 1e-3
+    """Largest entry of the scaled KKT residual below which `final` holds."""
+    tangent: float = 1e-5
+    """Of all rows in the linear system of derivatives, where active rows would otherwise weigh up
+    to the inverse of the barrier."""
+    tangent_corrections: int = 2
+    """Further solves that take the influence of `tangent` back (proximal point iteration)."""
+
+
+@dataclass(frozen=True)
+class CentralPath:
+    """How interior-point steps begin, follow and end; `benchmarks.sensitivity` derives the values.
+
+    Mehrotra's predictor and corrector (Nocedal and Wright, algorithm 14.3) has the same settings.
+    """
+
+    width: float = 1e-2
+    """Least complementarity product of a step, as a ratio to the residual: on a path too narrow to
+    follow the curvature of others' constraints, steps are cut to nothing."""
+    fraction: float = 0.99
+    """Least part of the way to the first bound that a step takes."""
+    corrector_end: float = 10.0
+    """Average product, in final ones, below which steps have no corrector: at the end of the path
+    plain Newton steps converge quadratically."""
+    end_width: float = 0.01
+    """Largest deviation of products from the final one, relative to it, at a solution: so narrow a
+    path makes the solution a function of the parameters alone, whatever the start."""
+    smoothed_tolerance: float = 1e-3
+    """Tolerance of a smoothed game's residual as a ratio to its complementarity product."""
+    least_slack: float = 0.1
+    """Least slack at the start of a phase, in the constraint's own unit."""
+    most_share: float = 0.5
+    """Most part of an elastic row's penalty that its multiplier starts with."""
+    warm_margin: float = 1e-3
+    """Part of the penalty that multipliers of elastic rows keep from 0 and from the penalty where a
+    similar game's solution is moved off the boundary."""
 
 
 @dataclass(frozen=True)
@@ -100,8 +161,22 @@ class SolverOptions:
     solution."""
     runaway_multiplier: float = 1e8
     """Multiplier of a violated constraint at which a phase ends, before numbers overflow."""
+    violated: float = 1e-4
+    """Violation, in the constraint's own unit, above which a constraint is unmet.
+    `benchmarks.sensitivity`."""
+    infeasible_multiplier: float = 1e3
+    """Multiplier above which a failed game with an unmet constraint counts as infeasible, not as
+    unfinished. `benchmarks.stress` counts how many of these are proven to have no solution."""
+    perturbation: float = 0.5
+    """Amplitude of the perturbation of controls, in their own unit, at the second phase; it grows
+    by as much with every further phase. `benchmarks.sensitivity`."""
+    exact_growth: float = 10.0
+    """Factor of `exact_below` from one phase of `barrier_schedule` to the next.
+    `benchmarks.sensitivity`."""
     convexification: Convexification = Convexification()
     damping: Damping = Damping()
+    softness: Softness = Softness()
+    path: CentralPath = CentralPath()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "barrier_schedule", tuple(self.barrier_schedule))
@@ -123,6 +198,20 @@ class SolverOptions:
         ):
             if getattr(self, name) < 1:
                 raise ValueError(f"{name}: is {getattr(self, name)}; expected at least 1")
+
+
+@dataclass(frozen=True)
+class VerificationSettings:
+    """Settings of `verify`; `benchmarks.sensitivity` counts confirmed equilibria with them."""
+
+    stiffness: float = 1e4
+    """Curvature across active constraints, relative to the largest of the player's Lagrangian: the
+    subspace that they leave free decides the smallest eigenvalue."""
+    perturbation: float = 1e-3
+    """Amplitude of the perturbation of controls, in their own unit, that best responses start
+    from: a saddle is left."""
+    rounding: float = 1e-6
+    """Improvement relative to the cost, at least 1, up to which a gap counts as rounding."""
 
 
 @dataclass(frozen=True)

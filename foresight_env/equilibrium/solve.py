@@ -24,7 +24,7 @@ from foresight_env.equilibrium.checks.validation import BOUND_SLACK, check_kinds
 from foresight_env.equilibrium.conditions.kkt import Iterate, Parameters
 from foresight_env.equilibrium.conditions.layout import Layout, layout_of
 from foresight_env.equilibrium.conditions.pairs import pairs_of
-from foresight_env.equilibrium.conditions.residual import VIOLATED, largest_multiplier
+from foresight_env.equilibrium.conditions.residual import largest_multiplier
 from foresight_env.equilibrium.newton.implicit import Equilibrium, equilibrium
 from foresight_env.equilibrium.newton.schedule import Limits, limits_of
 from foresight_env.equilibrium.newton.start import Start, begin, from_controls
@@ -70,7 +70,9 @@ class Solution(NamedTuple):
 
 
 WEAK_COMPLEMENTARITY = 1e-3
-"""Margin below which derivatives are smoothed across a change of the active set."""
+"""Margin (smaller of slack and multiplier, at the pair where it is least) below which derivatives
+are smoothed across a change of the active set: `benchmarks.derivatives` compares both sides of it
+with finite differences."""
 
 
 def complementarity_margin(layout: Layout, point: Iterate) -> Scalar:
@@ -79,7 +81,9 @@ def complementarity_margin(layout: Layout, point: Iterate) -> Scalar:
     return jnp.min(jnp.where(pairs_of(layout).exists, larger, jnp.inf), initial=jnp.inf)
 
 
-def _status(layout: Layout, raw: Equilibrium, parameters: Parameters) -> Int[Array, ""]:
+def _status(
+    layout: Layout, options: SolverOptions, raw: Equilibrium, parameters: Parameters
+) -> Int[Array, ""]:
     n = layout.n
     low, high = layout.bounds
     state = parameters.initial_state
@@ -88,8 +92,9 @@ def _status(layout: Layout, raw: Equilibrium, parameters: Parameters) -> Int[Arr
     least, most = np.array([p.discounting.limits for p in layout.game.players]).T
     outside |= jnp.any(parameters.gamma < least) | jnp.any(parameters.gamma > most)
     # Infeasibility comes first: it is what makes multipliers grow, in the end until they overflow.
+    large = largest_multiplier(layout, raw.point) > options.infeasible_multiplier
     failed = jnp.where(
-        (raw.violation > VIOLATED) & (largest_multiplier(layout, raw.point) > 1e3),
+        (raw.violation > options.violated) & large,
         Status.INFEASIBLE,
         jnp.where(jnp.isfinite(raw.error), Status.ITERATION_LIMIT, Status.DIVERGED),
     )
@@ -97,13 +102,15 @@ def _status(layout: Layout, raw: Equilibrium, parameters: Parameters) -> Int[Arr
     return jnp.where(outside | ~finite, Status.INVALID_INPUT, outcome)
 
 
-def to_solution(layout: Layout, raw: Equilibrium, parameters: Parameters) -> Solution:
+def to_solution(
+    layout: Layout, options: SolverOptions, raw: Equilibrium, parameters: Parameters
+) -> Solution:
     """Joint arrays to per-player ones, with status and margin."""
     states = jnp.concatenate([parameters.initial_state[None], raw.point.x])
     return Solution(
         tuple(states[:, s] for s in layout.state_slices),
         tuple(raw.point.u[:, s] for s in layout.control_slices),
-        _status(layout, raw, parameters),
+        _status(layout, options, raw, parameters),
         jnp.maximum(raw.error, raw.complementarity),
         raw.iterations,
         complementarity_margin(layout, raw.point),
@@ -142,7 +149,7 @@ def _solve_packed(
     first = jax.lax.switch(kind, (cold, controls, lambda: point))
     start = Start(first, kind == StartKind.SOLUTION, limits=limits)
     raw = equilibrium(layout, options, parameters, start)
-    found = to_solution(layout, raw, parameters)
+    found = to_solution(layout, options, raw, parameters)
     states = jnp.concatenate(found.states, axis=1)
     numbers = [jnp.asarray(v, float) for v in (raw.began, found.status, found.iterations)]
     parts = (states, *found.point[1:], *numbers, found.residual, found.margin)
@@ -214,7 +221,8 @@ def _solve_traced(
     start = begin(layout, options, parameters, initial_guess)
     if budget != Budget.offline():
         start = start._replace(limits=limits_of(budget))
-    return to_solution(layout, equilibrium(layout, options, parameters, start), parameters)
+    raw = equilibrium(layout, options, parameters, start)
+    return to_solution(layout, options, raw, parameters)
 
 
 @no_type_check

@@ -22,6 +22,7 @@ from foresight_env.equilibrium.settings import SolverOptions
 from foresight_env.games.observations import ObservationModel
 from foresight_env.games.types import AnyArray, Scalar
 from foresight_env.inverse.coordinates import Coordinates
+from foresight_env.inverse.settings import EstimatorSettings
 
 
 class Data(NamedTuple):
@@ -49,6 +50,7 @@ class Problem:
     coordinates: Coordinates
     model: ObservationModel
     options: SolverOptions
+    settings: EstimatorSettings = EstimatorSettings()
 
 
 class Fit(NamedTuple):

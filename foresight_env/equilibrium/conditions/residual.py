@@ -16,9 +16,6 @@ from foresight_env.equilibrium.conditions.pairs import Pairs, distances_to_bound
 from foresight_env.equilibrium.linear_algebra.recursion import affine_recursion
 from foresight_env.games.types import Scalar
 
-VIOLATED = 1e-4
-"""Violation above which constraints count as unmet."""
-
 
 class Residual(NamedTuple):
     """Left-hand sides of the perturbed KKT conditions that a Newton step drives to zero."""

@@ -13,19 +13,8 @@ from foresight_env.equilibrium.conditions.layout import Layout
 from foresight_env.equilibrium.conditions.pairs import Pairs, Parts, join, split
 from foresight_env.equilibrium.conditions.residual import Evaluation
 from foresight_env.equilibrium.linear_algebra.stagewise import Factor, StageSystem, solve_stages
+from foresight_env.equilibrium.settings import Convexification, Softness
 from foresight_env.games.types import Scalar
-
-EQUALITY_SOFTNESS = 1e-8
-"""Proximal term of equality multipliers: keeps the stage matrices regular without a constraint
-qualification; it vanishes at the solution."""
-LEAST_SOFTNESS = 1e-10
-"""The same of inequality rows, so that no active row weighs more than its inverse in the stage
-matrices, where rounding would swallow the players' own curvature."""
-FINAL_SOFTNESS = 1e-8
-"""The same where the residual is below `FINAL_RESIDUAL`, and multipliers hardly move any more. From
-the beginning, phases of games without a solution would take all their steps (`benchmarks.stress`).
-"""
-FINAL_RESIDUAL = 1e-3
 
 
 class LinearComplementarity(NamedTuple):
@@ -74,22 +63,27 @@ class Eliminated(NamedTuple):
     """`-d g / d mult` of each row."""
 
 
-def row_softness(error: Scalar, damping: Scalar) -> Scalar:
+def row_softness(softness: Softness, error: Scalar, damping: Scalar) -> Scalar:
     """Return what a Newton step from a point with this residual adds to the softness of rows."""
-    return damping + jnp.where(error < FINAL_RESIDUAL, FINAL_SOFTNESS, LEAST_SOFTNESS)
+    return damping + jnp.where(error < softness.final_residual, softness.final, softness.least)
 
 
 def eliminate_pairs(
-    layout: Layout, pairs: Pairs, linear: LinearComplementarity, softness: Scalar | float
+    layout: Layout,
+    pairs: Pairs,
+    linear: LinearComplementarity,
+    softness: Scalar | float,
+    equality: float = Softness.equality,
 ) -> Eliminated:
     """Coefficients that the stage matrices and every right-hand side share.
 
-    `softness` is added to that of all rows: a proximal term of their multipliers.
+    `softness` is added to that of all rows: a proximal term of their multipliers; `equality` is
+    that of equality rows, see `Softness`.
     """
     slope, own = split(layout, linear.slope), split(layout, linear.own)
     excess = jnp.where(pairs.elastic, own.excess / jnp.where(pairs.elastic, slope.excess, 1.0), 0.0)
     row = own.row / jnp.where(pairs.equality, 1.0, slope.row)
-    total = softness + jnp.where(pairs.equality, EQUALITY_SOFTNESS, row + excess)
+    total = softness + jnp.where(pairs.equality, equality, row + excess)
     return Eliminated(Parts(slope.low / own.low, slope.high / own.high, excess, row), total)
 
 
@@ -100,11 +94,13 @@ def stage_system(
     eliminated: Eliminated,
     convexity: Scalar | None = None,
     damping: Scalar | float = 0.0,
+    sign_steps: int = Convexification.sign_steps,
 ) -> StageSystem:
     """The linear system with slacks and all multipliers eliminated.
 
     `convexity`: the convexification weight of the dynamics' curvature (None: nothing is left out);
-    `damping`: what is added to the controls' own curvature.
+    `damping`: what is added to the controls' own curvature; `sign_steps`: as `Convexification` has
+    them.
     """
     lin = ev.lin
     of_controls = jnp.arange(layout.n + layout.m) >= layout.n
@@ -114,7 +110,7 @@ def stage_system(
     if layout.rows:
         weighted = lin.jacobian / eliminated.softness[:, :, None]
         hessian = hessian + jnp.einsum("tka,tkb->tab", lin.share * lin.jacobian, weighted)
-    curvature = dynamics_hessian(layout, lin.previous, point.u, ev.q, convexity)
+    curvature = dynamics_hessian(layout, lin.previous, point.u, ev.q, convexity, sign_steps)
     return StageSystem(hessian, curvature, lin.a, lin.b, lin.rho)
 
 
