@@ -1,7 +1,7 @@
-"""Many games at once on an accelerator, beside the processor of the same machine.
+"""Many games at once on an accelerator and on the processor of the same machine.
 
 `python -m benchmarks.accelerator HORIZON LANES GAMES FILE` measures one batch on JAX's default
-device and leaves the solved states in FILE: a process of its own, because a process keeps the
+device and leaves the solved states in FILE: a separate process, because a process keeps the
 device that it began with.
 """
 
@@ -55,13 +55,13 @@ def measure(horizon: int, batch_size: int, games: int, file: Path) -> None:
     seconds = median_seconds(batch, 3)
     found = batch()
     np.save(file, np.concatenate(found.states, axis=2))
-    told = {
+    report = {
         "device": jax.devices()[0].device_kind,
         "games_per_second": games / seconds,
         "solved": float(np.mean(found.status == Status.SOLVED)),
         "compile_seconds": first - seconds,
     }
-    print(json.dumps(told))
+    print(json.dumps(report))
 
 
 def measured(horizon: int, batch_size: int, games: int, platform: str | None) -> Batch:
@@ -114,7 +114,7 @@ def run(arguments: Arguments) -> list[Result]:
             rows.append(row(horizon, width, 2 * width, batch, beside))
     note = (
         "Crosswalk, 2 players, random games from a cold start, double precision, `solve_many`; "
-        f"medians of 3, compile time apart. Processor: {processor()}, "
+        f"medians of 3, without compile time. Processor: {processor()}, "
         f"{len(os.sched_getaffinity(0))} cores. Same solution: states of the processor's games "
         "to 1e-6 m and m/s."
     )

@@ -103,7 +103,7 @@ def by_band(rows: list[Trial]) -> list[TableRow]:
                 if r["method"] == "infer-gamma"
                 for pair in zip(r["gamma_covered"], r["gamma_identifiable"], strict=True)
             ]
-            told = [covered for covered, identifiable in pairs if identifiable]
+            covered_ones = [covered for covered, identifiable in pairs if identifiable]
             own = ratios["infer-gamma"]
             lines.append(
                 {
@@ -114,8 +114,10 @@ def by_band(rows: list[Trial]) -> list[TableRow]:
                     "worst level": float(own.max()),
                     f"levels below {WANTED:g}": int(np.sum(own <= WANTED)),
                     "assume-gamma-1: error / bound": float(ratios["assume-gamma-1"].mean()),
-                    "90 % intervals that hold gamma": f"{np.mean(told):.0%}" if told else "-",
-                    "gamma open": f"{1.0 - len(told) / len(pairs):.0%}",
+                    "90 % intervals that hold gamma": f"{np.mean(covered_ones):.0%}"
+                    if covered_ones
+                    else "-",
+                    "gamma open": f"{1.0 - len(covered_ones) / len(pairs):.0%}",
                     "seconds, median": float(np.median([r["seconds"] for r in good])),
                     "failed": len(mine) - len(good),
                 }
@@ -191,7 +193,7 @@ def run(arguments: Arguments) -> list[Result]:
     drawn = ""
     if theirs is not None and not arguments.quick:
         picture(rows, theirs)
-        drawn = f" ![errors beside the reference's](images/{PICTURE.name})"
+        drawn = f" ![errors and the reference's](images/{PICTURE.name})"
     equivalence: TableRow = {
         "quantity": "error of the best gamma = 1 fit, reference cost",
         "here": f"{reference_error():.4f}",

@@ -1,4 +1,4 @@
-"""Many games at once: games per second beside one after the other."""
+"""Many games at once: games per second, compared with one after the other."""
 
 from __future__ import annotations
 
@@ -42,9 +42,9 @@ def row(horizon: int, games: int, threads: int) -> TableRow:
         "games": str(games),
         "solved": f"{np.mean(found.status == Status.SOLVED):.1%}",
         "games per second": f"{1.0 / seconds:.0f}",
-        "time per game": yardstick.told(seconds),
+        "time per game": yardstick.formatted(seconds),
         "of one `solve`": seconds / alone,
-        "of the wanted rate": 1.0 / seconds / wanted,
+        "of the target rate": 1.0 / seconds / wanted,
         "yardstick": f"{1e3 * yardstick.seconds:.2f} ms",
     }
 
@@ -56,7 +56,7 @@ def run(arguments: Arguments) -> list[Result]:
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     note = (
         "Crosswalk, 2 players, random games from a cold start, `solve_many`. Times are wall-clock "
-        "per game, medians of 5. The wanted rate, 5000 games/s at T = 10 and 800 at T = 25 on two "
+        "per game, medians of 5. The target rate, 5000 games/s at T = 10 and 800 at T = 25 on two "
         f"cores, is scaled by the yardstick ({1e3 * REFERENCE_YARDSTICK} ms there). Peak memory of "
         f"the process: {peak:.0f} MiB."
     )

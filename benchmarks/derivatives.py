@@ -105,7 +105,7 @@ def row(family: GameFamily, size: tuple[int, int], count: int) -> TableRow:
 
 
 def costs() -> list[TableRow]:
-    """Seconds of derivatives beside those of the solve alone, crosswalk, T = 25."""
+    """Seconds of derivatives, compared with those of the solve alone, crosswalk, T = 25."""
     game, setting = crosswalk_game(2, 25), MONTE_CARLO
     with jax.enable_x64(True):
         states = jnp.asarray(setting.initial_state)
@@ -134,7 +134,7 @@ def costs() -> list[TableRow]:
     return [
         {
             "program": name,
-            "time": yardstick.told(value),
+            "time": yardstick.formatted(value),
             "more than the solve": f"{value / alone - 1.0:.0%}",
             "in Newton steps": f"{iterations * (value / alone - 1.0):.1f}",
         }

@@ -34,7 +34,7 @@ def rows_of(rows: Sequence[TableRow], scenes: Sequence[str]) -> Iterator[TableRo
             "off road": found.ends[OFF_ROAD],
             "goal reached": found.ends[REACHED],
             "gap of boxes, mean (least) [m]": f"{found.gap.mean:.2f} ({found.least_gap:.2f})",
-            "middles apart, mean (least) [m]": (
+            "distance of middles, mean (least) [m]": (
                 f"{found.distance.mean:.1f} ({found.least_distance:.1f})"
             ),
             "time to goal [s]": f"{found.time.mean:.2f}",
@@ -60,12 +60,12 @@ def differences(rows: Sequence[TableRow], scenes: Sequence[str]) -> Iterator[Tab
             }
 
 
-def tables(rows: Sequence[TableRow], scenes: Sequence[str], told: str) -> list[Result]:
-    """Both tables; `told`: the yardstick's note."""
+def tables(rows: Sequence[TableRow], scenes: Sequence[str], note: str) -> list[Result]:
+    """Both tables; `note`: the yardstick's."""
     note = (
         "4 cars, full states with noise std 0.1, seeds from 0 on, one per episode; discount "
         "factors of others uniform in (0.7, 1), the ego's 0.95. Time to goal: the time limit where "
-        f"it was not reached. One process per core at work. {told}"
+        f"it was not reached. One process per core at work. {note}"
     )
     paired_note = "Means and 95 % bootstrap intervals over seeds; few seeds make them narrow."
     return [

@@ -13,7 +13,7 @@ from evaluation.rollout.setting import MAX_STEPS
 from evaluation.studies.closed_loop import paired_difference, study, summarise
 
 
-def told(interval: Interval) -> str:
+def formatted(interval: Interval) -> str:
     """Mean with its interval."""
     return f"{interval.mean:.2f} [{interval.low:.2f}, {interval.high:.2f}]"
 
@@ -34,11 +34,11 @@ def run(arguments: Arguments) -> list[Result]:
                 "goal reached": f"{found.reached} of {found.episodes}",
                 "failed": found.failed,
                 "smallest distance [m]": f"{found.smallest_distance:.2f}",
-                "time to goal [s]": told(found.time_to_goal),
-                "cost": told(found.cost),
-                "cost minus oracle's": told(paired_difference(trials, ego, "oracle", "cost")),
-                "decision p50": yardstick.told(found.latency_median / 1e3),
-                "decision p99": yardstick.told(found.latency_p99 / 1e3),
+                "time to goal [s]": formatted(found.time_to_goal),
+                "cost": formatted(found.cost),
+                "cost minus oracle's": formatted(paired_difference(trials, ego, "oracle", "cost")),
+                "decision p50": yardstick.formatted(found.latency_median / 1e3),
+                "decision p99": yardstick.formatted(found.latency_p99 / 1e3),
                 "failed plans": found.failed_plans,
                 "failed fits": found.failed_fits,
             }

@@ -72,7 +72,7 @@ def run(arguments: Arguments) -> list[Result]:
                     "variant": name,
                     "world": world,
                     "steps/s": f"{1.0 / seconds:.0f}",
-                    "time per step": yardstick.told(seconds),
+                    "time per step": yardstick.formatted(seconds),
                 }
             )
     note = (

@@ -39,7 +39,7 @@ def draw(count: int, least_gamma: float) -> list[DrawnStart]:
 
 
 class Measured(NamedTuple):
-    """What became of one game."""
+    """Result of one game."""
 
     solved: bool
     equilibrium: bool
@@ -102,17 +102,17 @@ def row(
         "proximity": proximity,
         "T": str(horizon),
         "gamma": f"{least_gamma:g} to 1",
-        "cold, median": yardstick.told(float(np.median(cold))),
-        "cold, p95": yardstick.told(float(np.percentile(cold, 95))),
-        "warm, median": yardstick.told(float(np.median(warm))),
-        "warm, p95": yardstick.told(float(np.percentile(warm, 95))),
+        "cold, median": yardstick.formatted(float(np.median(cold))),
+        "cold, p95": yardstick.formatted(float(np.percentile(cold, 95))),
+        "warm, median": yardstick.formatted(float(np.median(warm))),
+        "warm, p95": yardstick.formatted(float(np.percentile(warm, 95))),
         "iterations cold, warm": f"{np.median([m.iterations for m in each]):.0f}, "
         f"{np.median([m.warm_iterations for m in good]):.0f}",
         "cold, per call + per step": f"{1e3 * call:.2f} + {1e3 * step:.3f} ms",
         "solved cold": f"{len(good) / games:.1%}",
         "solved warm": f"{np.mean([m.warm_solved for m in good]):.1%}",
         "local equilibria": f"{np.mean([m.equilibrium for m in good]):.1%}",
-        "compile, from cache": "-" if compiled is None else compiled.told,
+        "compile, from cache": "-" if compiled is None else compiled.formatted,
         "yardstick": f"{1e3 * yardstick.seconds:.2f} ms",
     }
 

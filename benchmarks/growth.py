@@ -57,17 +57,17 @@ def run(arguments: Arguments) -> list[Result]:
                 {
                     "N": str(n),
                     "T": str(t),
-                    "one iteration": yardstick.told(each),
+                    "one iteration": yardstick.formatted(each),
                     "iterations": iterations,
                     "solved": "yes" if solved else "no",
                 }
             )
         lines[title] = (sizes, seconds)
     figure, axes = plt.subplots(1, 2, figsize=(8, 3.2), constrained_layout=True)
-    told = []
+    exponents = []
     for axis, (title, (sizes, seconds)) in zip(axes, lines.items(), strict=True):
         exponent = slope(sizes, seconds)
-        told.append(f"{exponent:.2f} in {title.split(' ')[0]}")
+        exponents.append(f"{exponent:.2f} in {title.split(' ')[0]}")
         axis.loglog(sizes, 1e6 * np.array(seconds), "o-", label="measured")
         power = 1.0 if title.startswith("horizon") else 3.0
         guide = 1e6 * seconds[-1] * (np.array(sizes) / sizes[-1]) ** power
@@ -81,6 +81,6 @@ def run(arguments: Arguments) -> list[Result]:
     plt.close(figure)
     note = (
         "Walkers that cross on a circle, soft proximity, one solve at a time. Exponents over the "
-        f"larger half: {', '.join(told)}. ![growth](images/growth.png) {yardstick.note}"
+        f"larger half: {', '.join(exponents)}. ![growth](images/growth.png) {yardstick.note}"
     )
     return [Result("Growth", note, rows).show(arguments.console)]

@@ -31,7 +31,7 @@ VARIANTS: dict[str, tuple[Profile | None, Posterior | None]] = {
 """Settings of `estimate`; the last one estimates the posterior's mean instead of the best fit."""
 
 
-def gamma_told(found: Estimate) -> np.ndarray:
+def gamma_identified(found: Estimate) -> np.ndarray:
     """Which discount factors are not flagged as open."""
     return found.gamma_identifiable
 
@@ -50,7 +50,7 @@ def row(
     found = [f for f in found if int(f.status) == Status.SOLVED]
     covered = np.array([gamma_covered(f) for f in found])
     doubt = covered.mean(axis=1).std() / np.sqrt(len(covered))
-    told = np.array([gamma_told(f) for f in found])
+    identified = np.array([gamma_identified(f) for f in found])
     gammas = [f.gamma if f.mean is None else f.mean.gamma for f in found]
     errors = np.array(gammas) - MONTE_CARLO.gamma
     true = joint(truth("soft"))
@@ -61,8 +61,8 @@ def row(
         "intervals": variant,
         "failed": failed,
         "hold the truth": f"{covered.mean():.0%} ± {doubt:.0%}",
-        "gamma open": f"{1.0 - told.mean():.0%}",
-        "hold it, not open": f"{covered[told].mean():.0%}" if told.any() else "-",
+        "gamma open": f"{1.0 - identified.mean():.0%}",
+        "hold it, not open": f"{covered[identified].mean():.0%}" if identified.any() else "-",
         "width, median": float(np.median(widths)),
         "error of gamma, rms": float(np.sqrt(np.mean(errors**2))),
         "error of the trajectory, mean": float(
@@ -70,7 +70,7 @@ def row(
         ),
         "objective, mean": float(np.mean([f.cost for f in found])),
         "forward solves, mean": int(np.mean([f.num_forward_solves for f in found])),
-        "time, median": yardstick.told(float(np.median(seconds))),
+        "time, median": yardstick.formatted(float(np.median(seconds))),
     }
 
 

@@ -107,11 +107,11 @@ def rows_of(observation: str, compiled: CompileTime | None) -> list[TableRow]:
         {
             "observed": observation,
             "method": f"Gauss-Newton, {STARTS} starts",
-            "seconds": yardstick.told(float(np.median(seconds))),
+            "seconds": yardstick.formatted(float(np.median(seconds))),
             "forward solves": f"{np.median([f.num_forward_solves for f in found]):.0f}",
             "time ratio": 1.0,
             "objective ratio": 1.0,
-            "compile, from cache": "-" if compiled is None else compiled.told,
+            "compile, from cache": "-" if compiled is None else compiled.formatted,
             "yardstick": f"{1e3 * yardstick.seconds:.2f} ms",
         }
     ]
@@ -121,7 +121,7 @@ def rows_of(observation: str, compiled: CompileTime | None) -> list[TableRow]:
             {
                 "observed": observation,
                 "method": f"Algorithm 1, 1 start, rate {descent.rate:.0e}{name}",
-                "seconds": yardstick.told(float(np.median(descent.seconds))),
+                "seconds": yardstick.formatted(float(np.median(descent.seconds))),
                 "forward solves": f"{np.median(descent.solves):.0f}",
                 "time ratio": float(np.median(np.array(descent.seconds) / seconds)),
                 "objective ratio": float(np.median(costs)),

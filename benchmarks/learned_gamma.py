@@ -1,4 +1,4 @@
-"""Discount factors: the learned estimator beside the inverse game, on the same episodes."""
+"""Discount factors: the learned estimator and the inverse game, on the same episodes."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def run(arguments: Arguments) -> list[Result]:
                 "mean error": f"{error.mean():.3f}",
                 "90 % interval holds": f"{np.mean(error <= half):.0%}",
                 "its half width": f"{half.mean():.2f}",
-                "per window": yardstick.told(float(np.median(seconds[there]))),
+                "per window": yardstick.formatted(float(np.median(seconds[there]))),
             }
         )
     note = (

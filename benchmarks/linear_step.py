@@ -188,9 +188,9 @@ def run(arguments: Arguments) -> list[Result]:
             {
                 "N": players,
                 "T": horizon,
-                "stage recursion": yardstick.told(stages),
-                "controls only": yardstick.told(controls),
-                "one sparse LU": yardstick.told(one),
+                "stage recursion": yardstick.formatted(stages),
+                "controls only": yardstick.formatted(controls),
+                "one sparse LU": yardstick.formatted(one),
                 "controls / stages": f"{controls / stages:.1f}",
                 "sparse / stages": f"{one / stages:.1f}",
             }

@@ -1,6 +1,6 @@
 """Online estimation: how long updates take, and how a change of foresight is followed.
 
-Everybody re-solves the true game at every step and takes its first control; what is seen is noisy.
+All agents re-solve the true game at every step and take its first control; observations are noisy.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ BEFORE, AFTER = 0.9, 0.45
 
 @dataclass(frozen=True)
 class OnlineGame:
-    """What is estimated online."""
+    """A game whose parameters are estimated online."""
 
     name: str
     game: Game
@@ -44,7 +44,7 @@ class OnlineGame:
 
 
 class Walk(NamedTuple):
-    """One episode as it was seen and estimated."""
+    """One episode's observations and estimates."""
 
     seconds: list[float]
     gamma: list[float]
@@ -124,7 +124,7 @@ def walk(
 
 
 def latency(case: OnlineGame, episodes: int) -> TableRow:
-    """How long updates take, compilation apart."""
+    """Duration of updates, without compilation."""
     random = np.random.default_rng(0)
     walk(case, random)
     yardstick = Yardstick.measure()
@@ -134,10 +134,10 @@ def latency(case: OnlineGame, episodes: int) -> TableRow:
     return {
         "game": case.name,
         "updates": seconds.size,
-        "p50": yardstick.told(p50),
-        "p90": yardstick.told(p90),
-        "p99": yardstick.told(p99),
-        "wanted p99": f"{1e3 * case.wanted * yardstick.seconds / 2.5e-3:.0f} ms",
+        "p50": yardstick.formatted(p50),
+        "p90": yardstick.formatted(p90),
+        "p99": yardstick.formatted(p99),
+        "target p99": f"{1e3 * case.wanted * yardstick.seconds / 2.5e-3:.0f} ms",
         "failed": sum(w.failures for w in walks),
         "yardstick": f"{1e3 * yardstick.seconds:.2f} ms",
     }
@@ -152,7 +152,7 @@ def tracking(case: OnlineGame, episodes: int, dropped: float) -> TableRow:
     whole = [w for w in walks if len(w.gamma) == CHANGE + 16]
     gamma = np.array([w.gamma for w in whole]).reshape(len(whole), CHANGE + 16)
 
-    def told(values: np.ndarray) -> str:
+    def formatted(values: np.ndarray) -> str:
         low, middle, high = np.quantile(values, (0.1, 0.5, 0.9))
         return f"{middle:.2f} [{low:.2f}, {high:.2f}]"
 
@@ -163,10 +163,10 @@ def tracking(case: OnlineGame, episodes: int, dropped: float) -> TableRow:
         "observations dropped": f"{dropped:.0%}",
         "episodes": len(whole),
         "broken off": episodes - len(whole),
-        f"true {BEFORE}": told(gamma[:, CHANGE - 1]),
-        f"true {AFTER}, 5 steps later": told(gamma[:, CHANGE + 5]),
-        "10 steps later": told(gamma[:, CHANGE + 10]),
-        "15 steps later": told(gamma[:, CHANGE + 15]),
+        f"true {BEFORE}": formatted(gamma[:, CHANGE - 1]),
+        f"true {AFTER}, 5 steps later": formatted(gamma[:, CHANGE + 5]),
+        "10 steps later": formatted(gamma[:, CHANGE + 10]),
+        "15 steps later": formatted(gamma[:, CHANGE + 15]),
         "steps to half-way, median": f"{np.median(steps):.0f}",
         "failed updates": sum(w.failures for w in whole),
     }
@@ -178,8 +178,8 @@ def run(arguments: Arguments) -> list[Result]:
     both = cases()
     first = (
         f"Window of {WINDOW} observations, {episodes} episodes of {STEPS} steps; the ego infers "
-        "goals and discount factors of all others. Updates from the third on; compilation apart, "
-        "one core. The wanted figure is scaled by the yardstick (2.5 ms there)."
+        "goals and discount factors of all others. Updates from the third on; without compilation, "
+        "one core. The target is scaled by the yardstick (2.5 ms there)."
     )
     second = (
         f"Crosswalk; player 1's discount factor changes from {BEFORE} to {AFTER} at step {CHANGE}. "

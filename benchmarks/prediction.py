@@ -1,4 +1,4 @@
-"""Predictions on recordings: every registered predictor, development and test clips apart."""
+"""Predictions on recordings: every registered predictor, development and test clips separately."""
 
 from __future__ import annotations
 

@@ -109,10 +109,10 @@ def run(arguments: Arguments) -> list[Result]:
             {
                 "T": horizon,
                 "games": count,
-                "NashOpt, median": yardstick.told(float(np.median(times))),
+                "NashOpt, median": yardstick.formatted(float(np.median(times))),
                 "NashOpt solved": int(np.sum(np.array(residuals) <= TOLERANCE)),
                 "NashOpt residual, median": f"{np.median(residuals):.1e}",
-                "foresight_env, median": yardstick.told(float(np.median(own))),
+                "foresight_env, median": yardstick.formatted(float(np.median(own))),
                 "foresight_env solved": solved,
                 "ratio of times": f"{np.median(times) / np.median(own):.0f}",
             }
@@ -120,6 +120,6 @@ def run(arguments: Arguments) -> list[Result]:
     note = (
         f"NashOpt {version('nashopt')}, default method, from the same cold start. Crosswalk "
         "with hard proximity, 2 players, gamma 0.05 to 1. Solved: largest KKT residual at most "
-        f"{TOLERANCE:g}, each library's own. Compile time apart. {yardstick.note}"
+        f"{TOLERANCE:g}, each library's own. Without compile time. {yardstick.note}"
     )
     return [Result("Another library", note, rows).show(arguments.console)]

@@ -334,7 +334,7 @@ def settings_rows(
     quick: bool,
     recompiles: bool = True,
 ) -> list[TableRow]:
-    """One line per variant; `recompiles`: every variant has compiled programs of its own."""
+    """One line per variant; `recompiles`: no two variants share a compiled program."""
     rows: list[TableRow] = []
     for name, value, changed in variants(settings, values, quick):
         rows.append({"setting": name, "value": value, **row(changed)})

@@ -38,7 +38,7 @@ from foresight_env.scenarios.crosswalk import crosswalk_game, nominal_setting, p
 SITUATIONS = ("crossing", "head-on", "inside the margin", "goal beyond reach")
 GAMMA = (0.01, 1.1)
 GAMMA_UNDISCOUNTED = (0.7, 1.1)
-"""An undiscounted cost weighs `gamma**-t` beside the others: no scaling suits small gammas."""
+"""An undiscounted cost weighs `gamma**-t` relative to the others: no scaling suits small gammas."""
 
 
 class DrawnGame(NamedTuple):

@@ -90,7 +90,7 @@ class Published:
         return _observed(game, states, theta, gamma, std, random)
 
     def fit(self, window: SyntheticWindow, starts: MultiStart) -> Estimate:
-        """Goals start where agents are seen last, as in the study of recordings."""
+        """Goals start where agents are last observed, as in the study of recordings."""
         seen = window.observations
         last = seen[-1].reshape(len(AACHEN.kinds), 4)
         return estimate(
@@ -253,8 +253,8 @@ def row(
         "error of gamma, rms": float(np.sqrt(np.mean([f.error**2 for f in fits]))),
         "rms error of states, median": float(np.sqrt(np.median([f.mean_square for f in fits]))),
         "forward solves, median": f"{np.median([f.solves for f in fits]):.0f}",
-        "time, median": yardstick.told(float(np.median([f.seconds for f in fits]))),
-        "time, mean": yardstick.told(float(np.mean([f.seconds for f in fits]))),
+        "time, median": yardstick.formatted(float(np.median([f.seconds for f in fits]))),
+        "time, mean": yardstick.formatted(float(np.mean([f.seconds for f in fits]))),
     }
 
 

@@ -59,7 +59,7 @@ class Recurrent:
 
 
 def filled(states: np.ndarray) -> np.ndarray:
-    """States without gaps: who is not seen keeps the state seen before, or has the first."""
+    """States without gaps: unobserved agents keep the state before, or have the first."""
     found = states.copy()
     for agent in range(states.shape[1]):
         known = np.flatnonzero(~np.isnan(states[:, agent]).any(axis=1))

@@ -1,4 +1,4 @@
-"""What the commands do, step by step, with words for the reader."""
+"""Commands of the demonstration, step by step, with explanations."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ from evaluation.windows.intersection import Choice, contradictions, load
 from foresight_env.inverse import Profile
 
 DEMO_SETTING = "crowd-3-far"
-"""Where knowing the others' foresight is worth much (docs/measurements.md)."""
+"""Settings in which knowing the others' discount factors is worth much (docs/measurements.md)."""
 DEMO_SEEDS = range(6)
 DEMO_INTRODUCTION = (
     "An ego (gamma 0.95) crosses the way of two others, whose discount factors it does not know: "

@@ -126,7 +126,7 @@ def evaluate_driving(
 
 
 Site = Literal["auto", "aachen", "open"]
-"""What is known of the place of a recording."""
+"""Place of a recording, as far as it is known."""
 EstimatedParameters = Literal["goals", "all"]
 """Parameters that are estimated in addition to discount factors."""
 

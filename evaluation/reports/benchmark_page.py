@@ -42,14 +42,14 @@ def number(value: float, unit: str) -> str:
 
 def interval(value: Value, unit: str) -> str:
     """The mean with its interval, where it has one."""
-    told = number(value.mean, unit)
+    text = number(value.mean, unit)
     if np.isnan(value.low):
-        return told
-    return f"{told} [{number(value.low, unit)}, {number(value.high, unit)}]"
+        return text
+    return f"{text} [{number(value.low, unit)}, {number(value.high, unit)}]"
 
 
 def cell(line: MethodResult, metric: Metric) -> str:
-    """What a table shows of a metric."""
+    """Text of a metric's value in a table."""
     value = line.values.get(metric.name, Value(float("nan")))
     if metric.name in INTERVALS:
         return interval(value, metric.unit)
@@ -70,7 +70,7 @@ def header(metric: Metric) -> str:
 
 
 ON_TERMINAL = ("ADE", "NLL", "collided", "time to goal", "1 s ahead")
-"""What there is room for in 80 columns; the page and the CSV have the rest."""
+"""Columns that fit in 80 characters; the page and the CSV have the rest."""
 
 
 def print_parts(
@@ -98,8 +98,8 @@ def print_parts(
         console.print(table)
         for line in part.lines:
             if line.errors:
-                told = f"{label_of(line.method)}: {failed(line.errors)}"
-                console.print(f"[red]{escape(told)}[/red]")
+                text = f"{label_of(line.method)}: {failed(line.errors)}"
+                console.print(f"[red]{escape(text)}[/red]")
     console.print(
         "Best first; closed loop: by collisions, then by time to goal, which counts the time limit "
         "where the goal was not reached unharmed and gives the rank. Brackets: 95 % intervals of "
@@ -141,7 +141,7 @@ def write_page(parts: Sequence[PlaceResult], path: Path, subtitle: str) -> Path:
 def span(
     part: PlaceResult, line: MethodResult, metric: Metric
 ) -> tuple[float, float, float] | None:
-    """Where a mean and its interval lie between the least and the greatest of a column, 0 to 100.
+    """Position of a mean and its interval between the least and greatest of a column, 0 to 100.
 
     None where there is nothing to show.
     """

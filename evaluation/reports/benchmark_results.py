@@ -1,4 +1,4 @@
-"""What the benchmark's rows say: means with intervals and ranks, for tables, page and CSV."""
+"""Summary of the benchmark's rows: means with intervals and ranks, for tables, page and CSV."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Metric(NamedTuple):
 
     name: str
     unit: str
-    told: str
+    description: str
     """Description in the page's legend."""
     ranked: bool = False
     """Whether methods are ranked by it; less is better."""
@@ -83,7 +83,7 @@ class PlaceResult(NamedTuple):
     loop: str
     place: str
     cases: str
-    """What is counted."""
+    """Unit of the counted cases."""
     metrics: tuple[Metric, ...]
     lines: tuple[MethodResult, ...]
 

@@ -1,4 +1,4 @@
-"""What the paper and its reference implementation reached, and the same number of our results.
+"""Numbers of the paper and its reference implementation, and the same of our results.
 
 The reference's numbers are means over all noise levels of the raw results that it publishes (those
 of the intersection: without noise), the paper's are its statements; `docs/measurements.md`
@@ -23,7 +23,7 @@ from evaluation.studies.estimation import LEAST_STD, bound
 METHODS = ("assume-gamma-1", "infer-gamma")
 """In the order of the reference's numbers."""
 Select = dict[str, Any]
-"""Columns and the values wanted in them."""
+"""Columns and the values that rows must have in them."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class PublishedNumber:
     """Of the reference implementation; empty where it says nothing."""
     paper: str
     here: Callable[[Sequence[Row]], str]
-    """Empty where the rows do not tell."""
+    """Empty where the rows have no such number."""
 
 
 def _chosen(rows: Sequence[Row], select: Select) -> list[Row]:
@@ -83,12 +83,12 @@ def _above_bound(observation: str, rows: Sequence[Row]) -> str:
 
 def _left_turn(ego: str, tell: Callable[[list[Row]], str], rows: Sequence[Row]) -> str:
     """Among game agents / among IDM cars."""
-    told = [
+    text = [
         tell(mine)
         for others in ("receding", "idm")
         if (mine := _chosen(rows, {"scene": "left_turn", "others": others, "ego": ego}))
     ]
-    return " / ".join(told)
+    return " / ".join(text)
 
 
 def _ends(ending: str, mine: list[Row]) -> str:
@@ -123,12 +123,12 @@ PUBLISHED: dict[str, tuple[PublishedNumber, ...]] = {
         *_both("mean error from positions", "positions", ("2.189", "0.273"), _error),
         *(
             PublishedNumber(
-                f"error over the Cramer-Rao bound, {told}",
+                f"error over the Cramer-Rao bound, {text}",
                 reference,
                 "",
                 partial(_above_bound, seen),
             )
-            for told, seen, reference in (
+            for text, seen, reference in (
                 ("full states", "full", "up to 100"),
                 ("positions", "positions", ""),
             )
@@ -166,7 +166,7 @@ PUBLISHED: dict[str, tuple[PublishedNumber, ...]] = {
 
 
 def compared(results: Results) -> list[tuple[str, str, str, str]]:
-    """What was measured, the reference's number, the paper's, and that of these results."""
+    """The quantity, the reference's number, the paper's, and that of these results."""
     return [
         (c.what, c.reference, c.paper, c.here(results.rows))
         for c in PUBLISHED.get(results.study, ())

@@ -161,7 +161,7 @@ def print_encounters(
     console.print(table)
     console.print(
         "steps: predicted positions with a recorded one to compare with. open: the observations do "
-        "not tell this gamma. limit: it rests on an end of its range."
+        "not identify this gamma. limit: it rests on an end of its range."
     )
     if len(results) > 1:
         for k, name in enumerate(names):

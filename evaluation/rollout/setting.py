@@ -1,4 +1,4 @@
-"""What `foresight run` runs: an environment of any scenario, with the ego's agent controlled."""
+"""Setting of `foresight run`: an environment of any scenario, with the ego's agent controlled."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Egos in the loop: paired seeds, one row per episode.
 
-The ego is player 0 of a crosswalk with a known discount factor of its own; the others play the
+The ego is player 0 of a crosswalk and knows its discount factor; the others play the
 equilibrium of the true game at every step, with discount factors that the ego does not observe.
 """
 
@@ -46,7 +46,7 @@ class ClosedLoop:
 
 
 def run_trial(ego: str, settings: str, seed: int, **configuration: Any) -> Row:
-    """One episode's row; `settings` tells egos of the same name apart in the store."""
+    """One episode's row; `settings` distinguishes egos of the same name in the store."""
     setting = ClosedLoop(**configuration).run_setting
     warm_up(setting, ego)
     found = run_episode(setting, ego, seed)

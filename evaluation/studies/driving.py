@@ -42,7 +42,7 @@ class DrivingConfiguration:
 def run_trial(
     scene: str, others: str, ego: str, settings: str, seed: int, **configuration: object
 ) -> Row:
-    """One episode's row; `settings` tells egos of the same name apart in the store."""
+    """One episode's row; `settings` distinguishes egos of the same name in the store."""
     configured = DrivingConfiguration(**configuration)  # type: ignore[arg-type]
     setting = configured.of(scene, others)
     warm_up(setting, ego)

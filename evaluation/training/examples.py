@@ -81,7 +81,7 @@ def recorded_scenes(recording: Recording, part: str) -> Iterator[Examples]:
         # On the recording's own rows.
         steps = round((1.0 - VALIDATION_PART) * (end - start) / grid.every)
         border = start + steps * grid.every
-        # Nothing that is predicted in training is seen in validation.
+        # No target of training is an input of validation.
         low, high = (start, border - grid.predicted * grid.every) if train else (border, end)
     elif train == (recording.name in VALIDATION):
         return

@@ -120,7 +120,7 @@ def learn(
     data: Path | None,
     folder: Path,
     schedule: Schedule,
-    told: Callable[[Epoch], None] = lambda epoch: None,
+    on_epoch: Callable[[Epoch], None] = lambda epoch: None,
 ) -> Trained:
     """Train, and write `NAME.safetensors`, `NAME.json`, `curve.csv` and `curve.png` in `folder`."""
     if name not in SUPERVISED:
@@ -142,7 +142,7 @@ def learn(
         examples = stack([examples, mirrored(examples)])
         make, loss = NETWORKS[name], scene_loss
     found = train(
-        lambda key: make(key=key), loss, examples, validation, folder, schedule, told=told
+        lambda key: make(key=key), loss, examples, validation, folder, schedule, on_epoch=on_epoch
     )
     factor = calibration(found.network, validation) if name in NETWORKS else 1.0
     about = {

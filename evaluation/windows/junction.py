@@ -24,7 +24,7 @@ def recorded_setting(
     Args:
         window: every agent is observed in its first frame.
         region: what is forbidden there.
-        lanes: per agent; None fits each car's lane to its own track in the window, which tells a
+        lanes: per agent; None fits each car's lane to its own track in the window, which gives a
             predictor where the car will go: pass lanes fitted to earlier traffic for predictions.
 
     Raises:

@@ -64,7 +64,7 @@ def read_csv(path: Path, columns: Mapping[str, ColumnType]) -> dict[str, np.ndar
 
     Args:
         path: the file. Its columns may be in any order, and there may be others.
-        columns: name -> kind of each wanted column.
+        columns: name -> type of each column to read.
 
     Returns:
         name -> array with a row per line; finite numbers, int64 or float64, or str objects.
@@ -190,7 +190,7 @@ def sorted_groups(
 def _split(
     sorted_ids: np.ndarray, order: np.ndarray, same_id: np.ndarray
 ) -> Iterator[tuple[int, np.ndarray]]:
-    # A generator of its own, so that `sorted_groups` checks when called, not when first iterated.
+    # A separate generator, so that `sorted_groups` checks when called, not when first iterated.
     starts = np.concatenate([[0], np.flatnonzero(~same_id) + 1])
     for start, rows in zip(starts, np.split(order, starts[1:]), strict=True):
         yield int(sorted_ids[start]), rows

@@ -149,7 +149,7 @@ class SolverOptions:
     warm_phases: int = 2
     """Interior-point phases from a similar game's solution, the second from its perturbed controls,
     before it is discarded. With three, two walkers who face each other fail more often; with one
-    they come to wait for each other."""
+    they wait for each other."""
     warm_steps: int = 45
     """Newton steps of the first of these: of 319 such phases 298 converged within 45 steps and 13
     more within 200."""

@@ -1,7 +1,7 @@
 """The forward problem: from a game and its parameters to an equilibrium.
 
 The generalised open-loop Nash equilibrium (paper, eq. 4) is found as a solution of the players'
-joint first-order conditions; `verify` tells whether it is a local equilibrium.
+joint first-order conditions; `verify` checks whether it is a local equilibrium.
 """
 
 from __future__ import annotations

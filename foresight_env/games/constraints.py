@@ -118,7 +118,7 @@ class SharedInequality:
     A shared constraint leaves open who gives way. `multiplier` says which equilibrium is meant:
 
     - `"individual"`: the players' multipliers are equal in their own current values, so that each
-      feels the constraint at stage t as strongly beside its own stage cost at t;
+      feels the constraint at stage t as strongly relative to its own stage cost at t;
     - `"common"`: one multiplier in present values (the normalised equilibrium of Rosen, 1965). The
       larger a player's gamma is, the less the constraint weighs for it late in the game.
 

@@ -158,7 +158,7 @@ def estimate(
     Args:
         game: the game that is played over the whole horizon T.
         observations: (K, size) of `h(x_1), ..., h(x_K)`, 2 <= K <= T + 1; NaN where missing (an
-            agent that is seen late or occluded). Stages after K are predicted.
+            agent that is observed late or occluded). Stages after K are predicted.
         model: the observation model `h`.
         initial_state: per-player `x_1`: known, or where to start when free.
         theta: per-player parameters: fixed, or where to start.
@@ -186,7 +186,7 @@ def estimate(
         An `Estimate`; check `status`.
 
     Raises:
-        NeverSeenError: an agent whose initial state is free was never seen.
+        NeverSeenError: an agent whose initial state is free was never observed.
         ValueError: an argument has the wrong shape or value; the message names it.
     """
     check_kinds(

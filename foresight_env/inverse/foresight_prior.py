@@ -1,7 +1,7 @@
 """Prior of a discount factor that prefers no scale: log-uniform in the effective horizon.
 
 A discount factor that multiplies weights by `r` per stage looks about `1 / (1 - r)` stages ahead.
-Nothing tells whether that is one stage or a hundred, so its logarithm is believed in uniformly,
+Whether that is one stage or a hundred is unknown, so its logarithm has a uniform prior,
 from one stage (myopic) to `LONGEST` times the game, beyond which it counts as infinite. A uniform
 prior of gamma itself would put nine tenths of its mass on fewer than ten stages.
 """

@@ -12,10 +12,10 @@ from foresight_env.scenarios.intersection import IntersectionInstance, Region
 
 
 def _fitted(polynomial: Lane, start: float, end: float) -> Lane:
-    """A published polynomial between two places, fitted again in the frame of its own ends.
+    """A published polynomial between two places, fitted again in the frame of the line's ends.
 
     In the map's frame the turning lane climbs steeply on one side and comes back up on the other;
-    in its own, slopes are moderate and the line goes on straight where its points end.
+    in its own, slopes are moderate and the line continues straight where its points end.
     """
     line = polynomial.points(np.linspace(start, end, 400))
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])

@@ -122,7 +122,9 @@ def crosswalk_game(
         ),
         control_bounds=Bounds.box(-CONTROL_LIMIT, CONTROL_LIMIT, 2),
         inequalities=inequalities,
-        extra_theta=("collision_weight",),  # of walkers that are alone or keep apart by constraint
+        extra_theta=(
+            "collision_weight",
+        ),  # of walkers that are alone or have a distance constraint
     )
     return Game((player,) * players, horizon, shared, dt)
 
@@ -156,7 +158,7 @@ HEATMAP = CrosswalkInstance(
 
 
 def nominal_setting(players: int) -> CrosswalkInstance:
-    """Where `players` agents (2 to 6) cross: the Monte Carlo setting, or evenly around a circle.
+    """Nominal crossing of `players` agents (2 to 6): the Monte Carlo setting, or around a circle.
 
     On the circle neighbours start at least 1.6 m apart and every goal lies opposite.
     """

@@ -1,4 +1,4 @@
-"""What XLA compiles must be what was written.
+"""Compiled programs agree with the code.
 
 jaxlib 0.8 to 0.10 reads wrong entries of some fused vectors on processors with AVX2 (of a fused
 vector of 6 that is cut to 4); the interior-point method then still ends somewhere, only later or

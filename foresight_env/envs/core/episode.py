@@ -26,7 +26,7 @@ class EpisodeState:
     collided: Bool[np.ndarray, "N"]
     reached: Bool[np.ndarray, "N"]
     off_road: Bool[np.ndarray, "N"]
-    """Who has been off the road so far."""
+    """Players that have been off the road so far."""
     trail: list[Float[np.ndarray, "N 2"]] = field(default_factory=list)
     """Positions so far, m."""
     steps: int = 0

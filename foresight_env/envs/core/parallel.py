@@ -1,4 +1,4 @@
-"""What all parallel environments share: episodes, spaces, observations, information."""
+"""Base of all parallel environments: episodes, spaces, observations, information."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ class WorldParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
 
     @property
     def scene(self) -> Scene:
-        """What an agent's policy may know."""
+        """Scene of the episode, for agents' policies."""
         return self._scene
 
     @property

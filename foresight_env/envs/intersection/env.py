@@ -38,9 +38,9 @@ clipped.
             + lane_weight offset_i^2 + 100 beside_i)
 
 with applied controls `u`, reached positions `p'` and the agent's own weights. Pedestrians count
-cars among the j, cars count everybody; only cars have a lane, from whose centre line `offset_i`
+cars among the j, cars count all agents; only cars have a lane, from whose centre line `offset_i`
 is. By `beside_i` the region's constraints are violated, which are elastic here: for each corner
-`radius^2 - distance^2` (m^2; pedestrians: 0.3 of the radius) and, for cars, the distance beside
+`radius^2 - distance^2` (m^2; pedestrians: 0.3 of the radius) and, for cars, the distance from
 each road side (m). An agent that maximises the return discounted by `gamma_i` plays the game of
 the others.
 

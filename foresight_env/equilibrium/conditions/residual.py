@@ -90,7 +90,7 @@ def _largest(values: Array) -> Scalar:
 
 
 def costates(lin: Linearisation, n: int) -> Float[Array, "T n"]:
-    """Each player's current-value costate of its own state, by the backward recursion."""
+    """Each player's current-value costate of that player's state, by the backward recursion."""
 
     # q_t = g_t + (rho A)_{t+1}' q_{t+1}, and nothing comes after the last stage.
     pulled = lin.rho[:, :, None] * jnp.swapaxes(lin.a, 1, 2)

@@ -52,7 +52,7 @@ class Verification(NamedTuple):
     gap: Float[AnyArray, "N"]
     """Cost minus that of the best response found from the equilibrium itself (a local search), both
     in current value at the first stage; at most rounding when no player can improve, NaN where that
-    search failed. It does not tell a saddle, on which the local search may fall back: `curvature`
+    search failed. It does not reveal a saddle, to which the local search may return: `curvature`
     does."""
     cold_gap: Float[AnyArray, "N"]
     """The same from a cold start: positive when another local optimum (say, passing on the other
@@ -148,7 +148,7 @@ def restricted(layout: Layout, i: int, point: Iterate, parameters: Parameters) -
 
 
 class _Checked(NamedTuple):
-    """What is computed of one player."""
+    """Results of one player."""
 
     gap: Scalar
     cold_gap: Scalar

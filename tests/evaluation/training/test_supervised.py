@@ -121,7 +121,7 @@ def test_episodes_without_a_column_are_refused(tmp_path):
 
 
 def test_scenes_of_an_episode_are_what_happened(episodes):
-    """What is given was seen by then, with noise; what is to be said comes after, without."""
+    """Inputs are observed by then, with noise; targets come after, without."""
     row = episodes_in(episodes / "train", "train")[0]
     states = np.array(row["states"]).reshape(row["steps"] + 1, row["players"], 4)
     every = round(STEP_SECONDS / row["dt"])
