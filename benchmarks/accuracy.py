@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from benchmarks.report import Arguments, Result, TableRow
 from benchmarks.timing import ROOT
-from evaluation.execution.store import TableRow as Trial
+from evaluation.execution.store import Row as Trial
 from evaluation.metrics.trajectory import trajectory_error
 from evaluation.reports.figures import save
 from evaluation.reports.naming import colour_of, label_of
