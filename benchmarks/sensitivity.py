@@ -125,6 +125,8 @@ ESTIMATOR: dict[str, tuple[float, ...]] = {
     "tracking.kept": (1e-4, 1e-2),
     "tracking.accuracy": (1e-5, 1e-3),
 }
+SMOOTHED: dict[str, tuple[float, ...]] = {"path.smoothed_tolerance": (1e-4, 1e-2)}
+"""Settings of the solver that only smoothed games of fits read."""
 PROFILE: dict[str, tuple[float, ...]] = {
     "walk.narrowest": (5e-4, 5e-2),
     "walk.widest": (0.1, 0.5),
@@ -394,12 +396,20 @@ def run(arguments: Arguments) -> list[Result]:
         Result(
             "Sensitivity: estimates",
             averages,
-            settings_rows(
-                EstimatorSettings(),
-                ESTIMATOR,
-                lambda s: estimator_row(fits(seen, settings=s)),
-                quick,
-            ),
+            [
+                *settings_rows(
+                    EstimatorSettings(),
+                    ESTIMATOR,
+                    lambda s: estimator_row(fits(seen, settings=s)),
+                    quick,
+                ),
+                *settings_rows(
+                    SolverOptions(),
+                    SMOOTHED,
+                    lambda o: estimator_row(fits(seen, options=o)),
+                    quick,
+                )[1:],
+            ],
         ),
         Result(
             "Sensitivity: profiles",

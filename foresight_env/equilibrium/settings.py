@@ -65,7 +65,7 @@ class Damping:
 
 @dataclass(frozen=True)
 class Softness:
-    """Proximal terms of multipliers in linear systems; `benchmarks.sensitivity` derives them.
+    """Proximal terms of multipliers in linear systems; `benchmarks.sensitivity` varies them.
 
     Units: constraint value per multiplier. They vanish at the solution of a Newton iteration.
     """
@@ -89,7 +89,7 @@ class Softness:
 
 @dataclass(frozen=True)
 class CentralPath:
-    """How interior-point steps begin, follow and end; `benchmarks.sensitivity` derives the values.
+    """How interior-point steps begin, follow and end; `benchmarks.sensitivity` varies the values.
 
     Mehrotra's predictor and corrector (Nocedal and Wright, algorithm 14.3) has the same settings.
     """
@@ -143,22 +143,21 @@ class SolverOptions:
     semismooth_steps: int = 10
     """Steps of the semismooth Newton phase from a similar game's solution."""
     semismooth_trial: int = 3
-    """Semismooth steps after which the residual must not be above that of their start. Of 543 warm
-    solves 214 were above it then, and 5 of these converged within ten steps; of the 329 others 226
-    did."""
+    """Semismooth steps after which the residual must not be above that of their start: steps that
+    have raised it seldom converge. `benchmarks.sensitivity`."""
     warm_phases: int = 2
     """Interior-point phases from a similar game's solution, the second from its perturbed controls,
-    before it is discarded. With three, two walkers who face each other fail more often; with one
-    they wait for each other."""
+    before it is discarded: more of them repeat a start that fails, fewer lose the equilibrium that
+    other agents expect. `benchmarks.egos`."""
     warm_steps: int = 45
-    """Newton steps of the first of these: of 319 such phases 298 converged within 45 steps and 13
-    more within 200."""
+    """Newton steps of the first of these: few that converge take more.
+    `benchmarks.sensitivity`."""
     warm_barrier: float = 1e-2
-    """Complementarity product that a solution is moved to before these phases: 9.4 steps on average
-    at crossings, 11.7 with 1e-4."""
+    """Complementarity product that a solution is moved to before these phases: smaller ones stay at
+    its active set, larger ones forget it. `benchmarks.sensitivity`."""
     warm_exactness: float = 10.0
-    """Factor of `exact_below` in the first of these phases: curvature there is that of a
-    solution."""
+    """Factor of `exact_below` in the first of these phases: curvature there is that of a solution.
+    `benchmarks.sensitivity`."""
     runaway_multiplier: float = 1e8
     """Multiplier of a violated constraint at which a phase ends, before numbers overflow."""
     violated: float = 1e-4
@@ -185,7 +184,17 @@ class SolverOptions:
                 f"barrier_schedule: is {self.barrier_schedule}; expected positive numbers, at "
                 "least one"
             )
-        for name in ("tolerance", "barrier", "warm_barrier", "exact_below", "runaway_multiplier"):
+        for name in (
+            "tolerance",
+            "barrier",
+            "warm_barrier",
+            "exact_below",
+            "exact_growth",
+            "perturbation",
+            "violated",
+            "runaway_multiplier",
+            "infeasible_multiplier",
+        ):
             if not getattr(self, name) > 0.0:
                 raise ValueError(f"{name}: is {getattr(self, name)}; expected more than 0")
         for name in (
@@ -229,7 +238,7 @@ class Budget:
     """Most Newton steps of an interior-point phase; None: as `SolverOptions` has them."""
     trial_newton_steps: int = 25
     """Newton steps of the single phase that a trial step of a fit gets: a step to parameters whose
-    game is not solved soon is refused."""
+    game is not solved soon is refused. `benchmarks.inverse`."""
     gauss_newton_steps: int | None = None
     """Most Gauss-Newton steps of a fit that continues from the last one; None: as many as the
     method has. With 0 an update solves one game, where a step on the last fit's derivatives
@@ -264,13 +273,16 @@ class Budget:
     def realtime(cls) -> Budget:
         """One game of one phase per update.
 
-        Of 434 left turns' updates 8 failed with 40 Newton steps, 36 with 25.
+        40 Newton steps: with fewer, more updates among cars fail (`benchmarks.driving`).
         """
         return cls(phases=1, newton_steps=40, trial_newton_steps=40, gauss_newton_steps=0, fits=1)
 
     @classmethod
     def trial(cls) -> Budget:
-        """One short phase: for solves whose result is useless when it comes late."""
+        """One short phase: for solves whose result is useless when it comes late.
+
+        `benchmarks.sensitivity` has the share of games that 25 Newton steps solve.
+        """
         return cls(phases=1, newton_steps=25)
 
     @property

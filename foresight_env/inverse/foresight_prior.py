@@ -19,9 +19,10 @@ from foresight_env.games.discounting import Discounting
 
 LONGEST = 4.0
 """Effective horizon, in horizons of the game, that counts as infinite: over the whole game weights
-then fall by less than a quarter."""
+then fall by less than a quarter. A definition of the prior, whose intervals `benchmarks.intervals`
+measures."""
 POINTS = 4001
-"""Of the table between gamma and its rank."""
+"""Of the table between gamma and its rank: a numerical resolution, finest at the top."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,7 @@ from foresight_env.inverse.fit import Data, Fit, Problem
 
 OPEN_GAMMA_DEVIATION = 0.29
 """Data-only deviation above which a discount factor counts as open: that of a uniform guess on
-[0, 1] (1 / sqrt(12))."""
+[0, 1] (1 / sqrt(12)). A definition; `benchmarks.intervals` counts open ones."""
 
 INTERVAL_LEVEL = 0.9
 """Probability that an interval is to hold the truth with, unless a profile has another; the level

@@ -53,7 +53,8 @@ class MultiStart:
 
 
 MOST_STARTS = 16
-"""Starts are padded to this many, so that one compiled program serves any number of them."""
+"""Starts are padded to this many, so that one compiled program serves any number of them. A
+limit, not tuned: the default is half of it."""
 
 
 @compiled(static_argnums=0)

@@ -29,6 +29,14 @@ from foresight_env.inverse.laplace import laplace
 from foresight_env.inverse.multi_start import MOST_STARTS, search
 from foresight_env.inverse.settings import WalkSettings
 
+AIM = 1.05
+"""Ratio of the level that a step of a walk aims at: a twentieth past it, so that the end then lies
+between two points. Structural, as the next two; `benchmarks.intervals` measures the intervals."""
+LEAST_GROWTH = 1.1
+"""Least ratio of a point's distance from the estimate to that of the one before: walks move on."""
+INSET = 0.1
+"""Least distance of a point from both ends of a bracket, as a part of it: brackets shrink."""
+
 
 @dataclass(frozen=True)
 class Profile:
@@ -218,7 +226,7 @@ def _walk(
             outside, root_outside = place, root
         else:
             slope = (np.asarray(fit.values) - np.asarray(nearest.values)) / (place - inside)
-            growth = np.clip(1.05 * wanted / max(root, 1e-6), 1.1, walk.growth)
+            growth = np.clip(AIM * wanted / max(root, 1e-6), LEAST_GROWTH, walk.growth)
             step = np.clip((growth - 1.0) * place, walk.narrowest, walk.widest)
             inside, root_inside, nearest = place, root, fit
         if inside >= reach or abs(root - wanted) <= walk.close * wanted:
@@ -233,4 +241,4 @@ def _walk(
 
 
 def _between(low: float, high: float, part: float) -> float:
-    return low + (high - low) * float(np.clip(part, 0.1, 0.9))
+    return low + (high - low) * float(np.clip(part, INSET, 1.0 - INSET))

@@ -1,4 +1,4 @@
-"""Settings of the estimator that callers seldom change; `benchmarks.sensitivity` derives them."""
+"""Settings of the estimator that callers seldom change; `benchmarks.sensitivity` varies each."""
 
 from __future__ import annotations
 
