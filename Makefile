@@ -52,9 +52,10 @@ $(RL_INSTALLED): $(INSTALLED)
 test-rl: $(RL_INSTALLED) ## Run the tests of what needs PyTorch (installs it: some GB)
 	$(BIN)/python -m pytest -m rl $(ARGS)
 
-lint: $(INSTALLED) ## Check formatting, style, types and imports between rooms
+lint: $(INSTALLED) ## Check formatting, style, words, types and imports between rooms
 	$(BIN)/ruff format --check $(SOURCES)
 	$(BIN)/ruff check $(SOURCES)
+	$(BIN)/python -m tests.support.plain_words
 	$(BIN)/lint-imports --no-logo
 	$(BIN)/mypy
 

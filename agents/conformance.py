@@ -67,7 +67,7 @@ def _straight(
     dt: float = 0.4,
     about: tuple[float, float] = (0.0, 0.0),
 ) -> History:
-    """Agents four metres apart in straight motion."""
+    """Agents in straight motion, 4 m apart."""
     count, times = len(kinds), dt * np.arange(steps)[:, None, None]
     states = np.empty((steps, count, 4))
     states[..., 2:] = np.stack(velocities)
@@ -150,7 +150,7 @@ def check_forecast(found: Any, history: History, steps: int, case: str = "foreca
         _require(
             (away <= reach).all(),
             case,
-            f"positions: agent {i} is {away.max():.1f} m from where it was seen last after one "
+            f"positions: agent {i} is {away.max():.1f} m from where it was last observed after one "
             f"step; expected at most {reach:.1f} m, in the axes of the history",
         )
 
@@ -185,9 +185,12 @@ def check_ego(
                     "everything that changes in the memory, and draw from a fixed seed",
                 )
     if blind:
-        told = _drive(policy, make(), 0, steps, lambda info: dict.fromkeys(info))
+        without_truth = _drive(policy, make(), 0, steps, lambda info: dict.fromkeys(info))
         _require(
-            all(np.array_equal(a.action, b.action) for a, b in zip(told, apart[0], strict=True)),
+            all(
+                np.array_equal(a.action, b.action)
+                for a, b in zip(without_truth, apart[0], strict=True)
+            ),
             "info",
             "without the truth in `info` the actions are others; only an oracle may look at it "
             "(blind=False)",
@@ -284,9 +287,13 @@ def _array(value: Any, case: str, name: str) -> np.ndarray:
     return np.asarray(value)
 
 
-def _shape(value: np.ndarray, shape: tuple[int, ...], case: str, name: str, told: str) -> None:
+def _shape(
+    value: np.ndarray, shape: tuple[int, ...], case: str, name: str, expectation: str
+) -> None:
     _require(
-        value.shape == shape, case, f"{name}: has shape {value.shape}; expected {shape}, {told}"
+        value.shape == shape,
+        case,
+        f"{name}: has shape {value.shape}; expected {shape}, {expectation}",
     )
 
 

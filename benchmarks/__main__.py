@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from benchmarks.document import DOCUMENT, circumstances, record
-from benchmarks.report import Setting
+from benchmarks.report import Arguments
 from benchmarks.timing import ROOT
 from evaluation.reports.terminal import terminal
 
@@ -41,6 +41,7 @@ class Study(StrEnum):
     PREDICTION = "prediction"
     WINDOWS = "windows"
     RECORDINGS = "recordings"
+    SENSITIVITY = "sensitivity"
     ROBUSTNESS = "robustness"
 
 
@@ -62,11 +63,11 @@ def main(
 ) -> None:
     """Measure speed and accuracy; full studies are written to docs/benchmarks.md."""
     console = terminal()
-    setting = Setting(console, quick, data, reference)
+    arguments = Arguments(console, quick, data, reference)
     for study in Study if only is None else (only,):
         measured = circumstances()
         console.print(f"{study.value}: {measured}")
-        results = importlib.import_module(f"benchmarks.{study.value}").run(setting)
+        results = importlib.import_module(f"benchmarks.{study.value}").run(arguments)
         if not quick and any(result.rows for result in results):
             record(study.value, results, measured, list(Study))
             console.print(f"written: {DOCUMENT.relative_to(ROOT)}")

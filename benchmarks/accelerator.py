@@ -1,7 +1,7 @@
-"""Many games at once on an accelerator, beside the processor of the same machine.
+"""Many games at once on an accelerator and on the processor of the same machine.
 
 `python -m benchmarks.accelerator HORIZON LANES GAMES FILE` measures one batch on JAX's default
-device and leaves the solved states in FILE: a process of its own, because a process keeps the
+device and leaves the solved states in FILE: a separate process, because a process keeps the
 device that it began with.
 """
 
@@ -20,7 +20,7 @@ import jax
 import numpy as np
 
 from benchmarks.forward import LEAST_GAMMA, draw
-from benchmarks.report import Result, Row, Setting
+from benchmarks.report import Arguments, Result, TableRow
 from benchmarks.timing import ROOT, median_seconds, processor, seconds_of
 from foresight_env.equilibrium import Status, solve_many
 from foresight_env.scenarios.crosswalk import MONTE_CARLO, crosswalk_game
@@ -55,13 +55,13 @@ def measure(horizon: int, batch_size: int, games: int, file: Path) -> None:
     seconds = median_seconds(batch, 3)
     found = batch()
     np.save(file, np.concatenate(found.states, axis=2))
-    told = {
+    report = {
         "device": jax.devices()[0].device_kind,
         "games_per_second": games / seconds,
         "solved": float(np.mean(found.status == Status.SOLVED)),
         "compile_seconds": first - seconds,
     }
-    print(json.dumps(told))
+    print(json.dumps(report))
 
 
 def measured(horizon: int, batch_size: int, games: int, platform: str | None) -> Batch:
@@ -82,7 +82,7 @@ def measured(horizon: int, batch_size: int, games: int, platform: str | None) ->
         return Batch(**json.loads(run.stdout.splitlines()[-1]), states=np.load(file))
 
 
-def row(horizon: int, batch_size: int, games: int, batch: Batch, beside: Batch) -> Row:
+def row(horizon: int, batch_size: int, games: int, batch: Batch, beside: Batch) -> TableRow:
     """One line; `beside`: the processor's batch of the same games, as many as it had."""
     common = min(len(batch.states), len(beside.states))
     apart = np.abs(batch.states[:common] - beside.states[:common]).max(axis=(1, 2))
@@ -99,26 +99,26 @@ def row(horizon: int, batch_size: int, games: int, batch: Batch, beside: Batch) 
     }
 
 
-def run(setting: Setting) -> list[Result]:
+def run(arguments: Arguments) -> list[Result]:
     """The study; without an accelerator there is nothing to compare."""
     title = "Many games at once on an accelerator"
     if jax.default_backend() == "cpu":
         note = "JAX finds no accelerator here; nothing was measured."
-        return [Result(title, note, []).show(setting.console)]
+        return [Result(title, note, []).show(arguments.console)]
     rows = []
-    for horizon in HORIZONS[-1:] if setting.quick else HORIZONS:
+    for horizon in HORIZONS[-1:] if arguments.quick else HORIZONS:
         beside = measured(horizon, 1, PROCESSOR_GAMES, "cpu")
         rows.append(row(horizon, 1, PROCESSOR_GAMES, beside, beside))
-        for width in WIDTHS[:1] if setting.quick else WIDTHS:
+        for width in WIDTHS[:1] if arguments.quick else WIDTHS:
             batch = measured(horizon, width, 2 * width, None)
             rows.append(row(horizon, width, 2 * width, batch, beside))
     note = (
         "Crosswalk, 2 players, random games from a cold start, double precision, `solve_many`; "
-        f"medians of 3, compile time apart. Processor: {processor()}, "
+        f"medians of 3, without compile time. Processor: {processor()}, "
         f"{len(os.sched_getaffinity(0))} cores. Same solution: states of the processor's games "
         "to 1e-6 m and m/s."
     )
-    return [Result(title, note, rows).show(setting.console)]
+    return [Result(title, note, rows).show(arguments.console)]
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
-from benchmarks.report import Result, Row, Setting
+from benchmarks.report import Arguments, Result, TableRow
 from benchmarks.timing import ROOT
 from evaluation.execution.store import Row as Trial
 from evaluation.metrics.trajectory import trajectory_error
@@ -58,9 +58,9 @@ def reference_error() -> float:
     return trajectory_error(joint(found.solution), true)
 
 
-def noise_free(rows: list[Trial]) -> list[Row]:
+def noise_free(rows: list[Trial]) -> list[TableRow]:
     """Share of exact recoveries from random discount factors."""
-    lines: list[Row] = []
+    lines: list[TableRow] = []
     for observation in OBSERVATIONS:
         errors = np.array(
             [
@@ -80,9 +80,9 @@ def noise_free(rows: list[Trial]) -> list[Row]:
     return lines
 
 
-def by_band(rows: list[Trial]) -> list[Row]:
+def by_band(rows: list[Trial]) -> list[TableRow]:
     """Per band of noise levels: errors over the Cramer-Rao bound, and how often intervals hold."""
-    lines: list[Row] = []
+    lines: list[TableRow] = []
     levels = sorted({r["std"] for r in rows if r["std"] > LEAST_STD})
     for observation in OBSERVATIONS:
         for band in np.array_split(np.array(levels), min(BANDS, len(levels))):
@@ -103,7 +103,7 @@ def by_band(rows: list[Trial]) -> list[Row]:
                 if r["method"] == "infer-gamma"
                 for pair in zip(r["gamma_covered"], r["gamma_identifiable"], strict=True)
             ]
-            told = [covered for covered, identifiable in pairs if identifiable]
+            covered_ones = [covered for covered, identifiable in pairs if identifiable]
             own = ratios["infer-gamma"]
             lines.append(
                 {
@@ -114,8 +114,10 @@ def by_band(rows: list[Trial]) -> list[Row]:
                     "worst level": float(own.max()),
                     f"levels below {WANTED:g}": int(np.sum(own <= WANTED)),
                     "assume-gamma-1: error / bound": float(ratios["assume-gamma-1"].mean()),
-                    "90 % intervals that hold gamma": f"{np.mean(told):.0%}" if told else "-",
-                    "gamma open": f"{1.0 - len(told) / len(pairs):.0%}",
+                    "90 % intervals that hold gamma": f"{np.mean(covered_ones):.0%}"
+                    if covered_ones
+                    else "-",
+                    "gamma open": f"{1.0 - len(covered_ones) / len(pairs):.0%}",
                     "seconds, median": float(np.median([r["seconds"] for r in good])),
                     "failed": len(mine) - len(good),
                 }
@@ -130,7 +132,7 @@ def mean_error(rows: list[Trial], observation: str, method: str, std: float) -> 
     return float(np.mean([r["error_squared"] for r in mine if not r["error"]]))
 
 
-def published(folder: Path) -> dict[tuple[str, str], Published]:
+def published(folder: Path) -> dict[tuple[str, str], PublishedErrors]:
     """The reference implementation's errors: a row per level, a letter and its std, then errors."""
     found = {}
     for observation, short in (("full", "fo"), ("positions", "po")):
@@ -141,18 +143,18 @@ def published(folder: Path) -> dict[tuple[str, str], Published]:
             errors = [np.array(row[1:], float) for row in table]
             # An error of exactly 0 under noise is no estimate.
             means = [e[e > 0.0].mean() if (e > 0.0).any() else 0.0 for e in errors]
-            found[observation, method] = Published(stds, np.array(means))
+            found[observation, method] = PublishedErrors(stds, np.array(means))
     return found
 
 
-class Published(NamedTuple):
+class PublishedErrors(NamedTuple):
     """Mean errors over noise."""
 
     stds: np.ndarray
     errors: np.ndarray
 
 
-def picture(rows: list[Trial], theirs: dict[tuple[str, str], Published]) -> None:
+def picture(rows: list[Trial], theirs: dict[tuple[str, str], PublishedErrors]) -> None:
     """Our mean errors, the reference's and the bound."""
     figure = Figure(figsize=(9.0, 3.8), layout="constrained")
     for axes, observation in zip(figure.subplots(1, 2, sharey=True), OBSERVATIONS, strict=True):
@@ -180,19 +182,19 @@ def picture(rows: list[Trial], theirs: dict[tuple[str, str], Published]) -> None
     save(figure, PICTURE)
 
 
-def run(setting: Setting) -> list[Result]:
+def run(arguments: Arguments) -> list[Result]:
     """The study at the paper's size; `quick` has 2 noisy levels of 4 sequences."""
-    levels, sequences = (3, 4) if setting.quick else (50, 50)
-    theirs = None if setting.reference is None else published(setting.reference)
+    levels, sequences = (3, 4) if arguments.quick else (50, 50)
+    theirs = None if arguments.reference is None else published(arguments.reference)
     with tempfile.TemporaryDirectory() as folder:
         begin = time.perf_counter()
         rows = estimation.study(Path(folder) / "estimation", levels, sequences)
         minutes = (time.perf_counter() - begin) / 60.0
     drawn = ""
-    if theirs is not None and not setting.quick:
+    if theirs is not None and not arguments.quick:
         picture(rows, theirs)
-        drawn = f" ![errors beside the reference's](images/{PICTURE.name})"
-    equivalence: Row = {
+        drawn = f" ![errors and the reference's](images/{PICTURE.name})"
+    equivalence: TableRow = {
         "quantity": "error of the best gamma = 1 fit, reference cost",
         "here": f"{reference_error():.4f}",
         "reference": str(REFERENCE_ERROR),
@@ -219,4 +221,4 @@ def run(setting: Setting) -> list[Result]:
             [equivalence],
         ),
     ]
-    return [result.show(setting.console) for result in results]
+    return [result.show(arguments.console) for result in results]

@@ -10,8 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from benchmarks.report import Result, Row, Setting
-from benchmarks.stress import Drawn, Family, families
+from benchmarks.report import Arguments, Result, TableRow
+from benchmarks.stress import DrawnGame, GameFamily, families
 from benchmarks.timing import Yardstick, median_seconds
 from foresight_env.equilibrium import WEAK_COMPLEMENTARITY, Solution, SolverOptions, Status, solve
 from foresight_env.games import Game
@@ -37,7 +37,7 @@ class Ray(NamedTuple):
         return jax.tree.map(lambda v, d: v + step * d, tuple(self[:3]), self.direction)
 
 
-def ray(drawn: Drawn, random: np.random.Generator) -> Ray:
+def ray(drawn: DrawnGame, random: np.random.Generator) -> Ray:
     """A random direction for everything that a game's equilibrium depends on."""
     parts = jax.tree.map(
         lambda v: np.asarray(v, float), (drawn.states, list(drawn.theta), drawn.gamma)
@@ -72,7 +72,7 @@ def difference(game: Game, along: Ray, found: Solution) -> Float[np.ndarray, "r"
     return np.asarray(ends[0] - ends[1]) / (2.0 * STEP)
 
 
-def row(family: Family, size: tuple[int, int], count: int) -> Row:
+def row(family: GameFamily, size: tuple[int, int], count: int) -> TableRow:
     """One class of games of the stress set."""
     game = family.make(*size)
     random = np.random.default_rng([*size, len(family.name), 1])
@@ -104,8 +104,8 @@ def row(family: Family, size: tuple[int, int], count: int) -> Row:
     }
 
 
-def costs() -> list[Row]:
-    """Seconds of derivatives beside those of the solve alone, crosswalk, T = 25."""
+def costs() -> list[TableRow]:
+    """Seconds of derivatives, compared with those of the solve alone, crosswalk, T = 25."""
     game, setting = crosswalk_game(2, 25), MONTE_CARLO
     with jax.enable_x64(True):
         states = jnp.asarray(setting.initial_state)
@@ -134,7 +134,7 @@ def costs() -> list[Row]:
     return [
         {
             "program": name,
-            "time": yardstick.told(value),
+            "time": yardstick.formatted(value),
             "more than the solve": f"{value / alone - 1.0:.0%}",
             "in Newton steps": f"{iterations * (value / alone - 1.0):.1f}",
         }
@@ -142,13 +142,13 @@ def costs() -> list[Row]:
     ]
 
 
-def run(setting: Setting) -> list[Result]:
+def run(arguments: Arguments) -> list[Result]:
     """The study: the first and the last size of each family; `quick` leaves out the latter."""
-    count = 4 if setting.quick else 16
+    count = 4 if arguments.quick else 16
     rows = []
     for family in families():
-        for size in family.sizes[:1] if setting.quick else (family.sizes[0], family.sizes[-1]):
-            with setting.console.status(f"{family.name}, N = {size[0]}, T = {size[1]}"):
+        for size in family.sizes[:1] if arguments.quick else (family.sizes[0], family.sizes[-1]):
+            with arguments.console.status(f"{family.name}, N = {size[0]}, T = {size[1]}"):
                 jax.clear_caches()  # dozens of compiled classes exhaust XLA's memory for code
                 rows.append(row(family, size, count))
     note = (
@@ -163,6 +163,6 @@ def run(setting: Setting) -> list[Result]:
         "and discount factors. A factorisation is a part of a Newton step."
     )
     return [
-        Result("Derivatives", note, rows).show(setting.console),
-        Result("What derivatives cost", price, costs()).show(setting.console),
+        Result("Derivatives", note, rows).show(arguments.console),
+        Result("What derivatives cost", price, costs()).show(arguments.console),
     ]

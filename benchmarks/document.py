@@ -23,7 +23,7 @@ HEADING = """# Benchmarks
 
 Written by `make bench`, one study after the other; do not edit. Times in brackets are multiples of
 the yardstick (y): the median time of a single-threaded 500 x 500 `numpy.linalg.solve` on the same
-machine, measured beside each study.
+machine, measured with each study.
 """
 MARK = "<!-- study: {} -->"
 

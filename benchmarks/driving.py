@@ -7,11 +7,11 @@ from collections.abc import Iterator, Sequence
 from itertools import product
 
 from agents.registry import DRIVING_EGOS
-from benchmarks.report import Result, Row, Setting
+from benchmarks.report import Arguments, Result, TableRow
 from benchmarks.timing import Yardstick
 from evaluation.reports.driving import OTHERS
 from evaluation.rollout.endings import COLLISION, OFF_ROAD, REACHED
-from evaluation.studies.driving import DrivingSetting, paired, study, summarise
+from evaluation.studies.driving import DrivingConfiguration, paired, study, summarise
 from foresight_env.highway.scenes import SCENES
 
 BEHAVIOURS = ("receding", "idm")
@@ -19,7 +19,7 @@ SEEDS = 6
 """The paper has 50; `foresight evaluate driving --episodes 50` runs them."""
 
 
-def rows_of(rows: Sequence[Row], scenes: Sequence[str]) -> Iterator[Row]:
+def rows_of(rows: Sequence[TableRow], scenes: Sequence[str]) -> Iterator[TableRow]:
     """A line per scene, kind of other drivers and ego."""
     for scene, others, ego in product(scenes, BEHAVIOURS, DRIVING_EGOS):
         found = summarise(rows, scene, others, ego)
@@ -34,7 +34,7 @@ def rows_of(rows: Sequence[Row], scenes: Sequence[str]) -> Iterator[Row]:
             "off road": found.ends[OFF_ROAD],
             "goal reached": found.ends[REACHED],
             "gap of boxes, mean (least) [m]": f"{found.gap.mean:.2f} ({found.least_gap:.2f})",
-            "middles apart, mean (least) [m]": (
+            "distance of middles, mean (least) [m]": (
                 f"{found.distance.mean:.1f} ({found.least_distance:.1f})"
             ),
             "time to goal [s]": f"{found.time.mean:.2f}",
@@ -43,7 +43,7 @@ def rows_of(rows: Sequence[Row], scenes: Sequence[str]) -> Iterator[Row]:
         }
 
 
-def differences(rows: Sequence[Row], scenes: Sequence[str]) -> Iterator[Row]:
+def differences(rows: Sequence[TableRow], scenes: Sequence[str]) -> Iterator[TableRow]:
     """The ego `infer-gamma` minus the other egos on the same seeds."""
     for scene, others, other in product(scenes, BEHAVIOURS, DRIVING_EGOS):
         found = (
@@ -60,12 +60,12 @@ def differences(rows: Sequence[Row], scenes: Sequence[str]) -> Iterator[Row]:
             }
 
 
-def tables(rows: Sequence[Row], scenes: Sequence[str], told: str) -> list[Result]:
-    """Both tables; `told`: the yardstick's note."""
+def tables(rows: Sequence[TableRow], scenes: Sequence[str], note: str) -> list[Result]:
+    """Both tables; `note`: the yardstick's."""
     note = (
         "4 cars, full states with noise std 0.1, seeds from 0 on, one per episode; discount "
         "factors of others uniform in (0.7, 1), the ego's 0.95. Time to goal: the time limit where "
-        f"it was not reached. One process per core at work. {told}"
+        f"it was not reached. One process per core at work. {note}"
     )
     paired_note = "Means and 95 % bootstrap intervals over seeds; few seeds make them narrow."
     return [
@@ -74,17 +74,17 @@ def tables(rows: Sequence[Row], scenes: Sequence[str], told: str) -> list[Result
     ]
 
 
-def run(setting: Setting) -> list[Result]:
+def run(arguments: Arguments) -> list[Result]:
     """The study; `quick` has one seed of the left turn."""
     yardstick = Yardstick.measure()
-    scenes = ("left_turn",) if setting.quick else tuple(SCENES)
+    scenes = ("left_turn",) if arguments.quick else tuple(SCENES)
     with tempfile.TemporaryDirectory() as folder:
         rows = study(
             folder,
             scenes,
             BEHAVIOURS,
             tuple(DRIVING_EGOS),
-            range(1 if setting.quick else SEEDS),
-            DrivingSetting(),
+            range(1 if arguments.quick else SEEDS),
+            DrivingConfiguration(),
         )
-    return [result.show(setting.console) for result in tables(rows, scenes, yardstick.note)]
+    return [result.show(arguments.console) for result in tables(rows, scenes, yardstick.note)]

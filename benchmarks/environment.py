@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.report import Result, Row, Setting
+from benchmarks.report import Arguments, Result, TableRow
 from benchmarks.timing import Yardstick, median_seconds
 from foresight_env.envs import crosswalk_v0, driving_v0, intersection_v0
 
@@ -49,11 +49,11 @@ def walk(env: Any, seed: int) -> int:
     return steps
 
 
-def run(setting: Setting) -> list[Result]:
+def run(arguments: Arguments) -> list[Result]:
     """The study; `quick` has 3 episodes per variant, else 20."""
-    episodes = 3 if setting.quick else 20
+    episodes = 3 if arguments.quick else 20
     yardstick = Yardstick.measure()
-    rows: list[Row] = []
+    rows: list[TableRow] = []
     for name, arguments in VARIANTS.items():
         for world, make in WORLDS.items():
             if "idm" in name and not world.startswith("driving"):
@@ -72,11 +72,11 @@ def run(setting: Setting) -> list[Result]:
                     "variant": name,
                     "world": world,
                     "steps/s": f"{1.0 / seconds:.0f}",
-                    "time per step": yardstick.told(seconds),
+                    "time per step": yardstick.formatted(seconds),
                 }
             )
     note = (
         f"{episodes} episodes of up to {EPISODE} steps, resets included; planned are 25, 15 and 11 "
         f"stages; medians of 3 runs, one process. {yardstick.note}"
     )
-    return [Result("Environment", note, rows).show(setting.console)]
+    return [Result("Environment", note, rows).show(arguments.console)]

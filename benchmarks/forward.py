@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from benchmarks.report import Result, Row, Setting
+from benchmarks.report import Arguments, Result, TableRow
 from benchmarks.timing import CompileTime, Yardstick, compile_seconds, median_seconds
 from foresight_env.equilibrium import Solution, Status, shift, solve, verify
 from foresight_env.games import Game, inside_bounds
@@ -20,26 +20,26 @@ LEAST_GAMMA_REFERENCE = 0.7
 TOLERANCE = 1e-6
 
 
-class Drawn(NamedTuple):
+class DrawnStart(NamedTuple):
     """One random game."""
 
     states: np.ndarray
     gamma: np.ndarray
 
 
-def draw(count: int, least_gamma: float) -> list[Drawn]:
+def draw(count: int, least_gamma: float) -> list[DrawnStart]:
     """Random games around the Monte Carlo setting; the same ones every time."""
     random = np.random.default_rng(0)
     games = []
     for _ in range(count):
         states = MONTE_CARLO.initial_state.copy()
         states[:, :2] += random.uniform(-0.1, 0.1, (2, 2))
-        games.append(Drawn(states, random.uniform(least_gamma, 1.0, 2)))
+        games.append(DrawnStart(states, random.uniform(least_gamma, 1.0, 2)))
     return games
 
 
 class Measured(NamedTuple):
-    """What became of one game."""
+    """Result of one game."""
 
     solved: bool
     equilibrium: bool
@@ -55,7 +55,7 @@ def is_solved(solution: Solution) -> bool:
     return int(solution.status) == Status.SOLVED and float(solution.residual) <= TOLERANCE
 
 
-def measure(game: Game, drawn: Drawn, theta: Any, repeats: int) -> Measured:
+def measure(game: Game, drawn: DrawnStart, theta: Any, repeats: int) -> Measured:
     """Cold; then one stage later from the shifted solution, as an environment's step does."""
     states, gamma = drawn
 
@@ -86,11 +86,11 @@ def measure(game: Game, drawn: Drawn, theta: Any, repeats: int) -> Measured:
 
 def row(
     proximity: Proximity, horizon: int, least_gamma: float, games: int, compiled: CompileTime | None
-) -> Row:
+) -> TableRow:
     """One line of the table; `compiled` is measured elsewhere (None: not measured)."""
     game = crosswalk_game(2, horizon, proximity)
     drawn = draw(games, least_gamma)
-    measure(game, Drawn(MONTE_CARLO.initial_state, MONTE_CARLO.gamma), MONTE_CARLO.theta, 1)
+    measure(game, DrawnStart(MONTE_CARLO.initial_state, MONTE_CARLO.gamma), MONTE_CARLO.theta, 1)
     yardstick = Yardstick.measure()
     each = [measure(game, d, MONTE_CARLO.theta, 3) for d in drawn]
     good = [m for m in each if m.solved]
@@ -102,29 +102,29 @@ def row(
         "proximity": proximity,
         "T": str(horizon),
         "gamma": f"{least_gamma:g} to 1",
-        "cold, median": yardstick.told(float(np.median(cold))),
-        "cold, p95": yardstick.told(float(np.percentile(cold, 95))),
-        "warm, median": yardstick.told(float(np.median(warm))),
-        "warm, p95": yardstick.told(float(np.percentile(warm, 95))),
+        "cold, median": yardstick.formatted(float(np.median(cold))),
+        "cold, p95": yardstick.formatted(float(np.percentile(cold, 95))),
+        "warm, median": yardstick.formatted(float(np.median(warm))),
+        "warm, p95": yardstick.formatted(float(np.percentile(warm, 95))),
         "iterations cold, warm": f"{np.median([m.iterations for m in each]):.0f}, "
         f"{np.median([m.warm_iterations for m in good]):.0f}",
         "cold, per call + per step": f"{1e3 * call:.2f} + {1e3 * step:.3f} ms",
         "solved cold": f"{len(good) / games:.1%}",
         "solved warm": f"{np.mean([m.warm_solved for m in good]):.1%}",
         "local equilibria": f"{np.mean([m.equilibrium for m in good]):.1%}",
-        "compile, from cache": "-" if compiled is None else compiled.told,
+        "compile, from cache": "-" if compiled is None else compiled.formatted,
         "yardstick": f"{1e3 * yardstick.seconds:.2f} ms",
     }
 
 
-def run(setting: Setting) -> list[Result]:
+def run(arguments: Arguments) -> list[Result]:
     """The study; `quick` keeps to the full horizon and fewer games."""
-    horizons = (25,) if setting.quick else (10, 25)
-    games = 30 if setting.quick else 200
+    horizons = (25,) if arguments.quick else (10, 25)
+    games = 30 if arguments.quick else 200
     rows = []
     for proximity in PROXIMITIES:
         for horizon in horizons:
-            measured = not setting.quick or proximity == "soft"
+            measured = not arguments.quick or proximity == "soft"
             compiled = compile_seconds("solve", proximity, str(horizon)) if measured else None
             rows.append(row(proximity, horizon, LEAST_GAMMA, games, compiled))
             if proximity == "reference":
@@ -136,4 +136,4 @@ def run(setting: Setting) -> list[Result]:
         "3 calls; times in brackets are multiples of the yardstick. Per call and per step: the "
         "line through all cold times over their Newton steps."
     )
-    return [Result("Forward solves", note, rows).show(setting.console)]
+    return [Result("Forward solves", note, rows).show(arguments.console)]

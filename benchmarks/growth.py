@@ -10,7 +10,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from benchmarks.report import Result, Row, Setting
+from benchmarks.report import Arguments, Result, TableRow
 from benchmarks.timing import ROOT, Yardstick, median_seconds
 from foresight_env.equilibrium import Status, solve
 from foresight_env.scenarios.crosswalk import crosswalk_game, player_theta
@@ -38,12 +38,12 @@ def slope(sizes: tuple[int, ...], seconds: list[float]) -> float:
     return float(np.polyfit(np.log(sizes[half:]), np.log(seconds[half:]), 1)[0])
 
 
-def run(setting: Setting) -> list[Result]:
+def run(arguments: Arguments) -> list[Result]:
     """The study; `quick` leaves out the largest of each."""
-    horizons = HORIZONS[:-1] if setting.quick else HORIZONS
-    players = PLAYERS[:-1] if setting.quick else PLAYERS
+    horizons = HORIZONS[:-1] if arguments.quick else HORIZONS
+    players = PLAYERS[:-1] if arguments.quick else PLAYERS
     yardstick = Yardstick.measure()
-    rows: list[Row] = []
+    rows: list[TableRow] = []
     lines: dict[str, tuple[tuple[int, ...], list[float]]] = {}
     for title, sizes, pairs in (
         ("horizon T (2 players)", horizons, [(2, t) for t in horizons]),
@@ -57,17 +57,17 @@ def run(setting: Setting) -> list[Result]:
                 {
                     "N": str(n),
                     "T": str(t),
-                    "one iteration": yardstick.told(each),
+                    "one iteration": yardstick.formatted(each),
                     "iterations": iterations,
                     "solved": "yes" if solved else "no",
                 }
             )
         lines[title] = (sizes, seconds)
     figure, axes = plt.subplots(1, 2, figsize=(8, 3.2), constrained_layout=True)
-    told = []
+    exponents = []
     for axis, (title, (sizes, seconds)) in zip(axes, lines.items(), strict=True):
         exponent = slope(sizes, seconds)
-        told.append(f"{exponent:.2f} in {title.split(' ')[0]}")
+        exponents.append(f"{exponent:.2f} in {title.split(' ')[0]}")
         axis.loglog(sizes, 1e6 * np.array(seconds), "o-", label="measured")
         power = 1.0 if title.startswith("horizon") else 3.0
         guide = 1e6 * seconds[-1] * (np.array(sizes) / sizes[-1]) ** power
@@ -76,11 +76,11 @@ def run(setting: Setting) -> list[Result]:
         axis.set_xticks(sizes, [str(s) for s in sizes])
         axis.minorticks_off()
         axis.legend()
-    if not setting.quick:
+    if not arguments.quick:
         figure.savefig(PICTURE, dpi=120)
     plt.close(figure)
     note = (
         "Walkers that cross on a circle, soft proximity, one solve at a time. Exponents over the "
-        f"larger half: {', '.join(told)}. ![growth](images/growth.png) {yardstick.note}"
+        f"larger half: {', '.join(exponents)}. ![growth](images/growth.png) {yardstick.note}"
     )
-    return [Result("Growth", note, rows).show(setting.console)]
+    return [Result("Growth", note, rows).show(arguments.console)]

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.report import Result, Row, Setting
+from benchmarks.report import Arguments, Result, TableRow
 from benchmarks.timing import Yardstick, median_seconds
 from foresight_env.equilibrium import Status, shift, solve, verify
 from foresight_env.games import Game, full_state, inside_bounds
@@ -41,7 +41,7 @@ def draw(
     return states, theta, random.uniform(0.5, 1.0, len(kinds))
 
 
-def row(name: str, kinds: tuple[str, ...], games: int) -> Row:
+def row(name: str, kinds: tuple[str, ...], games: int) -> TableRow:
     """One line of the table."""
     game: Game = intersection_game(kinds, AACHEN.lanes, AACHEN.region)
     random = np.random.default_rng(0)
@@ -70,15 +70,15 @@ def row(name: str, kinds: tuple[str, ...], games: int) -> Row:
         "infeasible": statuses.count(Status.INFEASIBLE),
         "local equilibria": f"{np.mean(found):.1%}",
         "iterations, median, p95": f"{np.median(steps):.0f}, {np.percentile(steps, 95):.0f}",
-        "cold, median": yardstick.told(median),
-        "of the wanted speed": WANTED_SECONDS * yardstick.seconds / 2.5e-3 / median,
-        "warm, median": yardstick.told(float(np.median(warm))),
+        "cold, median": yardstick.formatted(median),
+        "of the target speed": WANTED_SECONDS * yardstick.seconds / 2.5e-3 / median,
+        "warm, median": yardstick.formatted(float(np.median(warm))),
         "yardstick": f"{1e3 * yardstick.seconds:.2f} ms",
     }
 
 
 PARAMETERS = ("goal_weight", "control_weight", "collision_weight", "collision_distance")
-"""Estimated beside goals, discount factors and, of cars on lanes, the lane's weight."""
+"""Estimated besides goals: discount factors and, of cars on lanes, the lane's weight."""
 NOISE = 0.1
 """Standard deviation of observations, m, m/s and rad."""
 BELIEF = Prior(
@@ -91,8 +91,8 @@ BELIEF = Prior(
 WANTED_INVERSE_SECONDS = 0.5
 
 
-def inverse_row(name: str, kinds: tuple[str, ...], games: int) -> Row:
-    """All parameters from the reference's starts: goals where last seen, weights at their start."""
+def inverse_row(name: str, kinds: tuple[str, ...], games: int) -> TableRow:
+    """All parameters from the reference's starts: goals where last observed, weights at theirs."""
     game = intersection_game(kinds, AACHEN.lanes, AACHEN.region)
     random = np.random.default_rng(1)
     model = full_state(game.state_sizes)
@@ -135,33 +135,33 @@ def inverse_row(name: str, kinds: tuple[str, ...], games: int) -> Row:
         "game": name,
         "windows": games,
         "parameters": len(found.parameters),
-        "median": yardstick.told(median),
-        "of the wanted speed": WANTED_INVERSE_SECONDS * yardstick.seconds / 2.5e-3 / median,
+        "median": yardstick.formatted(median),
+        "of the target speed": WANTED_INVERSE_SECONDS * yardstick.seconds / 2.5e-3 / median,
         "forward solves, median": f"{np.median(solves):.0f}",
         "objective per observed number, median": float(np.median(unexplained)),
         "root mean square error, median": float(np.sqrt(np.median(errors))),
     }
 
 
-def run(setting: Setting) -> list[Result]:
+def run(arguments: Arguments) -> list[Result]:
     """The study; `quick` has 10 games of each kind, else 100."""
-    games = 10 if setting.quick else 100
+    games = 10 if arguments.quick else 100
     rows = [row(name, kinds, games) for name, kinds in KINDS.items()]
     note = (
         "28 stages of 0.24 s, all corners, road sides and limits as hard constraints, gamma "
         "uniform in (0.5, 1), initial states and goals drawn around the published ones, "
         f"{games} games each, cold. Warm: one stage later, from the shifted solution. Local "
-        "equilibria: of those solved, by `verify`. Wanted: "
+        "equilibria: of those solved, by `verify`. Target: "
         f"{1e3 * WANTED_SECONDS:g} ms at a yardstick of 2.5 ms."
     )
-    forward = Result("The published intersection", note, rows).show(setting.console)
-    windows = 1 if setting.quick else 5
+    forward = Result("The published intersection", note, rows).show(arguments.console)
+    windows = 1 if arguments.quick else 5
     inverse = [inverse_row(name, kinds, windows) for name, kinds in KINDS.items()]
     about = (
         f"Windows of 29 stages of such games, observed in full with noise {NOISE} (m, m/s, rad); "
-        "goals start where everybody is seen last, weights where the truth is, discount factors at "
+        "goals start at last observed positions, weights where the truth is, discount factors at "
         "0.8, 8 starts. An objective of 1 per observed number is what the noise alone would leave. "
-        f"Wanted: {1e3 * WANTED_INVERSE_SECONDS:g} ms at a yardstick of 2.5 ms."
+        f"Target: {1e3 * WANTED_INVERSE_SECONDS:g} ms at a yardstick of 2.5 ms."
     )
     title = "The published intersection, inverse"
-    return [forward, Result(title, about, inverse).show(setting.console)]
+    return [forward, Result(title, about, inverse).show(arguments.console)]

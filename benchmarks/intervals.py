@@ -6,7 +6,7 @@ import time
 
 import numpy as np
 
-from benchmarks.report import Result, Row, Setting
+from benchmarks.report import Arguments, Result, TableRow
 from benchmarks.timing import Yardstick
 from evaluation.metrics.trajectory import trajectory_error
 from evaluation.studies.estimation import (
@@ -31,12 +31,14 @@ VARIANTS: dict[str, tuple[Profile | None, Posterior | None]] = {
 """Settings of `estimate`; the last one estimates the posterior's mean instead of the best fit."""
 
 
-def gamma_told(found: Estimate) -> np.ndarray:
+def gamma_identified(found: Estimate) -> np.ndarray:
     """Which discount factors are not flagged as open."""
     return found.gamma_identifiable
 
 
-def row(observation: str, std: float, variant: str, sequences: int, yardstick: Yardstick) -> Row:
+def row(
+    observation: str, std: float, variant: str, sequences: int, yardstick: Yardstick
+) -> TableRow:
     """One line of the table."""
     found, seconds = [], []
     for k in range(sequences):
@@ -48,7 +50,7 @@ def row(observation: str, std: float, variant: str, sequences: int, yardstick: Y
     found = [f for f in found if int(f.status) == Status.SOLVED]
     covered = np.array([gamma_covered(f) for f in found])
     doubt = covered.mean(axis=1).std() / np.sqrt(len(covered))
-    told = np.array([gamma_told(f) for f in found])
+    identified = np.array([gamma_identified(f) for f in found])
     gammas = [f.gamma if f.mean is None else f.mean.gamma for f in found]
     errors = np.array(gammas) - MONTE_CARLO.gamma
     true = joint(truth("soft"))
@@ -59,8 +61,8 @@ def row(observation: str, std: float, variant: str, sequences: int, yardstick: Y
         "intervals": variant,
         "failed": failed,
         "hold the truth": f"{covered.mean():.0%} ± {doubt:.0%}",
-        "gamma open": f"{1.0 - told.mean():.0%}",
-        "hold it, not open": f"{covered[told].mean():.0%}" if told.any() else "-",
+        "gamma open": f"{1.0 - identified.mean():.0%}",
+        "hold it, not open": f"{covered[identified].mean():.0%}" if identified.any() else "-",
         "width, median": float(np.median(widths)),
         "error of gamma, rms": float(np.sqrt(np.mean(errors**2))),
         "error of the trajectory, mean": float(
@@ -68,21 +70,21 @@ def row(observation: str, std: float, variant: str, sequences: int, yardstick: Y
         ),
         "objective, mean": float(np.mean([f.cost for f in found])),
         "forward solves, mean": int(np.mean([f.num_forward_solves for f in found])),
-        "time, median": yardstick.told(float(np.median(seconds))),
+        "time, median": yardstick.formatted(float(np.median(seconds))),
     }
 
 
-def run(setting: Setting) -> list[Result]:
+def run(arguments: Arguments) -> list[Result]:
     """The study; `quick` has one level of 4 sequences."""
-    sequences, stds = (4, STDS[1:2]) if setting.quick else (40, STDS)
+    sequences, stds = (4, STDS[1:2]) if arguments.quick else (40, STDS)
     yardstick = Yardstick.measure()
-    rows: list[Row] = []
+    rows: list[TableRow] = []
     for observation in OBSERVATIONS:
         for profile, posterior in VARIANTS.values():  # compiles
             fit(observation, STDS[0], 0, "infer-gamma", profile=profile, posterior=posterior)
         for std in stds:
             for name in VARIANTS:
-                with setting.console.status(f"{observation}, {std:g} m, {name}"):
+                with arguments.console.status(f"{observation}, {std:g} m, {name}"):
                     rows.append(row(observation, std, name, sequences, yardstick))
     note = (
         f"Crosswalk, T = 25, 14 unknowns, {sequences} sequences of the Monte Carlo study per line, "
@@ -91,4 +93,4 @@ def run(setting: Setting) -> list[Result]:
         "profile replaces a fit by a better one that it meets. Posterior: its means instead of the "
         f"best fit's values. {yardstick.note}"
     )
-    return [Result("Intervals of discount factors", note, rows).show(setting.console)]
+    return [Result("Intervals of discount factors", note, rows).show(arguments.console)]

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from benchmarks.report import Result, Row, Setting
+from benchmarks.report import Arguments, Result, TableRow
 from benchmarks.timing import CompileTime, Yardstick, compile_seconds, median_seconds
 from evaluation.studies.estimation import FREE, fit, observation_model, observe, truth
 from foresight_env.equilibrium import Status
@@ -91,7 +91,7 @@ def best_descent(observation: str) -> Descent:
     return descend(observation, SEQUENCES, best.rate)
 
 
-def rows_of(observation: str, compiled: CompileTime | None) -> list[Row]:
+def rows_of(observation: str, compiled: CompileTime | None) -> list[TableRow]:
     """This estimator's line and Algorithm 1's, ratios to the former."""
     truth("soft")
     fit(observation, STD, 0, "infer-gamma", starts=STARTS)  # compiles
@@ -103,15 +103,15 @@ def rows_of(observation: str, compiled: CompileTime | None) -> list[Row]:
     ]
     published = best_descent(observation)
     longer = descend(observation, SEQUENCES, published.rate, LONGER)
-    rows: list[Row] = [
+    rows: list[TableRow] = [
         {
             "observed": observation,
             "method": f"Gauss-Newton, {STARTS} starts",
-            "seconds": yardstick.told(float(np.median(seconds))),
+            "seconds": yardstick.formatted(float(np.median(seconds))),
             "forward solves": f"{np.median([f.num_forward_solves for f in found]):.0f}",
             "time ratio": 1.0,
             "objective ratio": 1.0,
-            "compile, from cache": "-" if compiled is None else compiled.told,
+            "compile, from cache": "-" if compiled is None else compiled.formatted,
             "yardstick": f"{1e3 * yardstick.seconds:.2f} ms",
         }
     ]
@@ -121,7 +121,7 @@ def rows_of(observation: str, compiled: CompileTime | None) -> list[Row]:
             {
                 "observed": observation,
                 "method": f"Algorithm 1, 1 start, rate {descent.rate:.0e}{name}",
-                "seconds": yardstick.told(float(np.median(descent.seconds))),
+                "seconds": yardstick.formatted(float(np.median(descent.seconds))),
                 "forward solves": f"{np.median(descent.solves):.0f}",
                 "time ratio": float(np.median(np.array(descent.seconds) / seconds)),
                 "objective ratio": float(np.median(costs)),
@@ -132,11 +132,11 @@ def rows_of(observation: str, compiled: CompileTime | None) -> list[Row]:
     return rows
 
 
-def run(setting: Setting) -> list[Result]:
+def run(arguments: Arguments) -> list[Result]:
     """The study; `quick` measures one compile time instead of two."""
-    rows: list[Row] = []
+    rows: list[TableRow] = []
     for observation in ("full", "positions"):
-        measured = not setting.quick or observation == "full"
+        measured = not arguments.quick or observation == "full"
         compiled = compile_seconds("estimate", observation) if measured else None
         rows += rows_of(observation, compiled)
     note = (
@@ -146,4 +146,4 @@ def run(setting: Setting) -> list[Result]:
         f"run on: up to {LONGER.max_iterations} iterations, until no step moves. "
         f"Its rate is the best of {', '.join(f'{r:.0e}' for r in RATES)}."
     )
-    return [Result("Inverse solves", note, rows).show(setting.console)]
+    return [Result("Inverse solves", note, rows).show(arguments.console)]

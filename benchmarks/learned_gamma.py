@@ -1,4 +1,4 @@
-"""Discount factors: the learned estimator beside the inverse game, on the same episodes."""
+"""Discount factors: the learned estimator and the inverse game, on the same episodes."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from agents import InferGamma
 from agents.learned.gamma import learned_gamma
 from agents.learned.gamma_network import WINDOW
-from benchmarks.report import Result, Row, Setting
+from benchmarks.report import Arguments, Result, TableRow
 from benchmarks.timing import Yardstick
 from evaluation.rollout.places import setting_of
 from evaluation.training.generation import generate
@@ -21,7 +21,7 @@ from foresight_env.envs.rendering.style import INTERVAL_DEVIATIONS
 GUESS = "always the middle of the range"
 
 
-def _inverse(row: Row) -> list[tuple[float, float, float]]:
+def _inverse(row: TableRow) -> list[tuple[float, float, float]]:
     """Gamma of the other, its deviation, and seconds, by the estimator of `infer-gamma`."""
     env: Any = setting_of("crosswalk").make()
     env.reset(
@@ -50,9 +50,9 @@ def _inverse(row: Row) -> list[tuple[float, float, float]]:
     return found
 
 
-def run(setting: Setting) -> list[Result]:
+def run(arguments: Arguments) -> list[Result]:
     """Episodes of the test split: 60, `quick` 6."""
-    count = 6 if setting.quick else 60
+    count = 6 if arguments.quick else 60
     yardstick = Yardstick.measure()
     with tempfile.TemporaryDirectory() as folder:
         rows = generate(folder, ("crosswalk",), count, "test")
@@ -72,7 +72,7 @@ def run(setting: Setting) -> list[Result]:
             truth.append(row["gamma"][1])
             groups.append(k)
     true = np.array(truth)
-    lines: list[Row] = []
+    lines: list[TableRow] = []
     middle = np.full(len(true), 0.65)
     lines.append({"estimator": GUESS, "RMSE": f"{np.sqrt(np.mean((middle - true) ** 2)):.3f}",
                   "mean error": f"{np.mean(np.abs(middle - true)):.3f}", "90 % interval holds": "-",
@@ -89,7 +89,7 @@ def run(setting: Setting) -> list[Result]:
                 "mean error": f"{error.mean():.3f}",
                 "90 % interval holds": f"{np.mean(error <= half):.0%}",
                 "its half width": f"{half.mean():.2f}",
-                "per window": yardstick.told(float(np.median(seconds[there]))),
+                "per window": yardstick.formatted(float(np.median(seconds[there]))),
             }
         )
     note = (
@@ -98,4 +98,4 @@ def run(setting: Setting) -> list[Result]:
         "factor, by the estimator of the ego `infer-gamma` and by `agents.learned.gamma`. "
         f"{yardstick.note}"
     )
-    return [Result("Learned discount factors", note, lines).show(setting.console)]
+    return [Result("Learned discount factors", note, lines).show(arguments.console)]

@@ -17,7 +17,7 @@ from jaxtyping import Array, Float
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from benchmarks.report import Result, Row, Setting
+from benchmarks.report import Arguments, Result, TableRow
 from benchmarks.timing import Yardstick, median_seconds
 from foresight_env.equilibrium import SolverOptions
 from foresight_env.equilibrium.checks.validation import check_parameters
@@ -26,12 +26,12 @@ from foresight_env.equilibrium.conditions.pairs import pairs_of
 from foresight_env.equilibrium.conditions.residual import evaluate
 from foresight_env.equilibrium.linear_algebra.stagewise import StageSystem, factorise, solve_stages
 from foresight_env.equilibrium.newton.newton_system import (
-    LEAST_SOFTNESS,
     eliminate_pairs,
     on_the_path,
     stage_system,
 )
 from foresight_env.equilibrium.newton.start import begin
+from foresight_env.equilibrium.settings import Softness
 from foresight_env.scenarios.crosswalk import crosswalk_game, nominal_setting
 
 SIZES = ((2, 10), (2, 25), (2, 50), (4, 10), (4, 25))
@@ -40,7 +40,7 @@ REPEATS = 50
 """Systems solved one after the other within one compiled program."""
 
 
-class Problem:
+class LinearSystem:
     """The first linear system of a crosswalk's cold start, with a right-hand side."""
 
     def __init__(self, players: int, horizon: int) -> None:
@@ -53,7 +53,7 @@ class Problem:
         pairs, point = pairs_of(layout), begin(layout, options, parameters, None).point
         ev = evaluate(layout, pairs, point, parameters, jnp.ones(()), options.barrier)
         eliminated = eliminate_pairs(
-            layout, pairs, on_the_path(pairs, point, jnp.zeros(())), LEAST_SOFTNESS
+            layout, pairs, on_the_path(pairs, point, jnp.zeros(())), Softness.least
         )
         self.system: StageSystem = stage_system(layout, point, ev, eliminated)
         self.sizes = layout.equal_sizes
@@ -64,7 +64,7 @@ class Problem:
         )
 
 
-def by_stages(problem: Problem, hessian: Float[Array, "T w w"]) -> Float[Array, "T m"]:
+def by_stages(problem: LinearSystem, hessian: Float[Array, "T w w"]) -> Float[Array, "T m"]:
     """The library's recursion."""
     factor = factorise(problem.system._replace(hessian=hessian), problem.sizes)
     rest = (problem.r_x, problem.r_u, problem.defect, jnp.zeros(problem.n))
@@ -91,7 +91,7 @@ def free_motion(a: np.ndarray, defect: np.ndarray) -> Float[np.ndarray, "T n"]:
     return out
 
 
-def condensed(problem: Problem) -> Any:
+def condensed(problem: LinearSystem) -> Any:
     """The function of the Hessian that solves for controls alone."""
     system, n = problem.system, problem.n
     a, b, rho = (np.asarray(v) for v in (system.a, system.b, system.rho))
@@ -119,7 +119,7 @@ def condensed(problem: Problem) -> Any:
     return solve
 
 
-def sparse_matrix(problem: Problem) -> tuple[sparse.csc_matrix, np.ndarray]:
+def sparse_matrix(problem: LinearSystem) -> tuple[sparse.csc_matrix, np.ndarray]:
     """All conditions of all stages, unknowns stage by stage: `dx_{t+1}, du_t, dq_t`."""
     system, n, m = problem.system, problem.n, problem.m
     hessian, a, b, rho = (np.asarray(v) for v in (system.hessian, system.a, system.b, system.rho))
@@ -165,7 +165,7 @@ def seconds_each(solve: Any, hessian: Float[Array, "T w w"]) -> float:
 def measure(players: int, horizon: int) -> tuple[float, float, float]:
     """Seconds per system of the three designs, after checking that they agree."""
     with jax.enable_x64(True):
-        problem = Problem(players, horizon)
+        problem = LinearSystem(players, horizon)
         designs = (lambda h: by_stages(problem, h), condensed(problem))
         hessian = problem.system.hessian
         matrix, rest = sparse_matrix(problem)
@@ -178,19 +178,19 @@ def measure(players: int, horizon: int) -> tuple[float, float, float]:
         return stages, controls, median_seconds(lambda: splu(matrix).solve(rest), 15)
 
 
-def run(setting: Setting) -> list[Result]:
+def run(arguments: Arguments) -> list[Result]:
     """The study; `quick` leaves out the larger games."""
     yardstick = Yardstick.measure()
-    rows: list[Row] = []
-    for players, horizon in SIZES[:2] if setting.quick else SIZES:
+    rows: list[TableRow] = []
+    for players, horizon in SIZES[:2] if arguments.quick else SIZES:
         stages, controls, one = measure(players, horizon)
         rows.append(
             {
                 "N": players,
                 "T": horizon,
-                "stage recursion": yardstick.told(stages),
-                "controls only": yardstick.told(controls),
-                "one sparse LU": yardstick.told(one),
+                "stage recursion": yardstick.formatted(stages),
+                "controls only": yardstick.formatted(controls),
+                "one sparse LU": yardstick.formatted(one),
                 "controls / stages": f"{controls / stages:.1f}",
                 "sparse / stages": f"{one / stages:.1f}",
             }
@@ -200,4 +200,4 @@ def run(setting: Setting) -> list[Result]:
         "three agree to 1e-6. Within one compiled program (sparse: SciPy's SuperLU on the finished "
         f"matrix). {yardstick.note}"
     )
-    return [Result("Newton's linear system, three designs", note, rows).show(setting.console)]
+    return [Result("Newton's linear system, three designs", note, rows).show(arguments.console)]

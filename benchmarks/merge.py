@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from benchmarks.report import Result, Row, Setting
+from benchmarks.report import Arguments, Result, TableRow
 from benchmarks.timing import Yardstick, median_seconds
 from foresight_env.equilibrium import SolverOptions, Status, solve, solve_many, verify
 from foresight_env.games import (
@@ -77,7 +77,7 @@ def draw(cars: int, seed: int) -> Float[np.ndarray, "cars 4"]:
     return np.stack([x, y, v, np.zeros(cars)], axis=1)
 
 
-def row(cars: int, games: int, yardstick: Yardstick) -> Row:
+def row(cars: int, games: int, yardstick: Yardstick) -> TableRow:
     """One line of the table."""
     game = merge_game(cars)
     theta: list[dict[str, Any]] = [{} for _ in range(cars)]
@@ -107,9 +107,9 @@ def row(cars: int, games: int, yardstick: Yardstick) -> Row:
         "solved": f"{np.mean(solved):.0%}",
         "verified": f"{np.mean(verified):.0%}",
         "Newton steps": int(np.median(steps)),
-        "median": yardstick.told(float(np.median(seconds))),
-        "p95": yardstick.told(float(np.percentile(seconds, 95))),
-        f"to {ROUGH:g}, median": yardstick.told(float(np.median(rough_seconds))),
+        "median": yardstick.formatted(float(np.median(seconds))),
+        "p95": yardstick.formatted(float(np.percentile(seconds, 95))),
+        f"to {ROUGH:g}, median": yardstick.formatted(float(np.median(rough_seconds))),
         "first call": f"{first:.1f} s",
         f"{BATCH} at once": f"{batch_seconds:.2f} s",
         "solved of these": f"{np.mean(several.status == Status.SOLVED):.1%}",
@@ -117,14 +117,14 @@ def row(cars: int, games: int, yardstick: Yardstick) -> Row:
     }
 
 
-def run(setting: Setting) -> list[Result]:
+def run(arguments: Arguments) -> list[Result]:
     """The study; `quick` takes fewer games and cars."""
-    sizes = (2, 4) if setting.quick else (2, 3, 4, 5, 6, 8)
+    sizes = (2, 4) if arguments.quick else (2, 3, 4, 5, 6, 8)
     yardstick = Yardstick.measure()
-    rows = [row(cars, 20 if setting.quick else 100, yardstick) for cars in sizes]
+    rows = [row(cars, 20 if arguments.quick else 100, yardstick) for cars in sizes]
     note = (
         "RD3G's car merge, cold, tolerance 1e-8 unless stated, one solve at a time. RD3G-SOSC: "
         "time and shares converged and of second order by its authors, tolerance "
         f"{ROUGH:g}, at most 20 steps, hardware not stated. {yardstick.note}"
     )
-    return [Result("Car merge", note, rows).show(setting.console)]
+    return [Result("Car merge", note, rows).show(arguments.console)]

@@ -1,6 +1,6 @@
 """Online estimation: how long updates take, and how a change of foresight is followed.
 
-Everybody re-solves the true game at every step and takes its first control; what is seen is noisy.
+All agents re-solve the true game at every step and take its first control; observations are noisy.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from benchmarks.report import Result, Row, Setting
+from benchmarks.report import Arguments, Result, TableRow
 from benchmarks.stress import cars, driving_game
 from benchmarks.timing import Yardstick
 from foresight_env.equilibrium import Status, shift, solve
@@ -28,8 +28,8 @@ BEFORE, AFTER = 0.9, 0.45
 
 
 @dataclass(frozen=True)
-class Case:
-    """What is estimated online."""
+class OnlineGame:
+    """A game whose parameters are estimated online."""
 
     name: str
     game: Game
@@ -44,7 +44,7 @@ class Case:
 
 
 class Walk(NamedTuple):
-    """One episode as it was seen and estimated."""
+    """One episode's observations and estimates."""
 
     seconds: list[float]
     gamma: list[float]
@@ -66,16 +66,16 @@ def driving(random: np.random.Generator) -> tuple[Any, Any, np.ndarray]:
     return drawn.states, list(drawn.theta), np.append(0.95, random.uniform(0.3, 1.0, 3))
 
 
-def cases() -> list[Case]:
+def cases() -> list[OnlineGame]:
     """The crosswalk and four cars, with the noise of the closed-loop studies."""
     walkers, drivers = crosswalk_game(2), driving_game(4, 11, hard=False)
     return [
-        Case("2 pedestrians, T = 25", walkers, 25, 0.05, full_state((4, 4)), crossing, 20e-3),
-        Case("4 cars, T = 11", drivers, 11, 0.1, positions((4,) * 4), driving, 50e-3),
+        OnlineGame("2 pedestrians, T = 25", walkers, 25, 0.05, full_state((4, 4)), crossing, 20e-3),
+        OnlineGame("4 cars, T = 11", drivers, 11, 0.1, positions((4,) * 4), driving, 50e-3),
     ]
 
 
-def estimator(case: Case) -> MovingHorizonEstimator:
+def estimator(case: OnlineGame) -> MovingHorizonEstimator:
     """Player 0 knows itself and infers goals and discount factors of the others."""
     players = len(case.game.players)
     return MovingHorizonEstimator(
@@ -90,7 +90,7 @@ def estimator(case: Case) -> MovingHorizonEstimator:
 
 
 def walk(
-    case: Case,
+    case: OnlineGame,
     random: np.random.Generator,
     *,
     change: bool = False,
@@ -123,8 +123,8 @@ def walk(
     return found._replace(failures=belief.failures)
 
 
-def latency(case: Case, episodes: int) -> Row:
-    """How long updates take, compilation apart."""
+def latency(case: OnlineGame, episodes: int) -> TableRow:
+    """Duration of updates, without compilation."""
     random = np.random.default_rng(0)
     walk(case, random)
     yardstick = Yardstick.measure()
@@ -134,16 +134,16 @@ def latency(case: Case, episodes: int) -> Row:
     return {
         "game": case.name,
         "updates": seconds.size,
-        "p50": yardstick.told(p50),
-        "p90": yardstick.told(p90),
-        "p99": yardstick.told(p99),
-        "wanted p99": f"{1e3 * case.wanted * yardstick.seconds / 2.5e-3:.0f} ms",
+        "p50": yardstick.formatted(p50),
+        "p90": yardstick.formatted(p90),
+        "p99": yardstick.formatted(p99),
+        "target p99": f"{1e3 * case.wanted * yardstick.seconds / 2.5e-3:.0f} ms",
         "failed": sum(w.failures for w in walks),
         "yardstick": f"{1e3 * yardstick.seconds:.2f} ms",
     }
 
 
-def tracking(case: Case, episodes: int, dropped: float) -> Row:
+def tracking(case: OnlineGame, episodes: int, dropped: float) -> TableRow:
     """Inferred discount factor before and after the true one changes."""
     walks = [
         walk(case, np.random.default_rng([7, k]), change=True, dropped=dropped, steps=CHANGE + 16)
@@ -152,7 +152,7 @@ def tracking(case: Case, episodes: int, dropped: float) -> Row:
     whole = [w for w in walks if len(w.gamma) == CHANGE + 16]
     gamma = np.array([w.gamma for w in whole]).reshape(len(whole), CHANGE + 16)
 
-    def told(values: np.ndarray) -> str:
+    def formatted(values: np.ndarray) -> str:
         low, middle, high = np.quantile(values, (0.1, 0.5, 0.9))
         return f"{middle:.2f} [{low:.2f}, {high:.2f}]"
 
@@ -163,33 +163,35 @@ def tracking(case: Case, episodes: int, dropped: float) -> Row:
         "observations dropped": f"{dropped:.0%}",
         "episodes": len(whole),
         "broken off": episodes - len(whole),
-        f"true {BEFORE}": told(gamma[:, CHANGE - 1]),
-        f"true {AFTER}, 5 steps later": told(gamma[:, CHANGE + 5]),
-        "10 steps later": told(gamma[:, CHANGE + 10]),
-        "15 steps later": told(gamma[:, CHANGE + 15]),
+        f"true {BEFORE}": formatted(gamma[:, CHANGE - 1]),
+        f"true {AFTER}, 5 steps later": formatted(gamma[:, CHANGE + 5]),
+        "10 steps later": formatted(gamma[:, CHANGE + 10]),
+        "15 steps later": formatted(gamma[:, CHANGE + 15]),
         "steps to half-way, median": f"{np.median(steps):.0f}",
         "failed updates": sum(w.failures for w in whole),
     }
 
 
-def run(setting: Setting) -> list[Result]:
+def run(arguments: Arguments) -> list[Result]:
     """The study; `quick` has 2 episodes each instead of 40."""
-    episodes = 2 if setting.quick else 40
+    episodes = 2 if arguments.quick else 40
     both = cases()
     first = (
         f"Window of {WINDOW} observations, {episodes} episodes of {STEPS} steps; the ego infers "
-        "goals and discount factors of all others. Updates from the third on; compilation apart, "
-        "one core. The wanted figure is scaled by the yardstick (2.5 ms there)."
+        "goals and discount factors of all others. Updates from the third on; without compilation, "
+        "one core. The target is scaled by the yardstick (2.5 ms there)."
     )
     second = (
         f"Crosswalk; player 1's discount factor changes from {BEFORE} to {AFTER} at step {CHANGE}. "
         "Medians over episodes, with 10 and 90 % quantiles. Broken off: the true game failed."
     )
     return [
-        Result("Online updates", first, [latency(c, episodes) for c in both]).show(setting.console),
+        Result("Online updates", first, [latency(c, episodes) for c in both]).show(
+            arguments.console
+        ),
         Result(
             "A discount factor that changes",
             second,
             [tracking(both[0], episodes, dropped) for dropped in (0.0, 0.2)],
-        ).show(setting.console),
+        ).show(arguments.console),
     ]

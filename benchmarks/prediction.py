@@ -1,4 +1,4 @@
-"""Predictions on recordings: every registered predictor, development and test clips apart."""
+"""Predictions on recordings: every registered predictor, development and test clips separately."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from agents import PREDICTORS
-from benchmarks.report import Result, Row, Setting
+from benchmarks.report import Arguments, Result, TableRow
 from evaluation.reports.prediction import by_class, differences, over_time, summary
 from evaluation.studies.prediction import study
 
 TITLE = "Predictions on recordings"
 QUICK = ("constant-velocity", "constant-turn-rate")
 """Predictors with `--quick`."""
-TABLES: tuple[tuple[str, Callable[[Sequence[dict[str, Any]]], list[Row]], str], ...] = (
+TABLES: tuple[tuple[str, Callable[[Sequence[dict[str, Any]]], list[TableRow]], str], ...] = (
     (
         TITLE,
         summary,
@@ -34,11 +34,11 @@ TABLES: tuple[tuple[str, Callable[[Sequence[dict[str, Any]]], list[Row]], str], 
 )
 
 
-def run(setting: Setting) -> list[Result]:
+def run(arguments: Arguments) -> list[Result]:
     """The study; without data it says that it was skipped."""
-    if setting.data is None:
+    if arguments.data is None:
         note = "Skipped: recorded data are not shipped; give their folder with `--data DIR`."
-        return [Result(TITLE, note, []).show(setting.console)]
+        return [Result(TITLE, note, []).show(arguments.console)]
     with tempfile.TemporaryDirectory() as folder:
-        rows = study(folder, setting.data, QUICK if setting.quick else tuple(PREDICTORS))
-    return [Result(title, note, make(rows)).show(setting.console) for title, make, note in TABLES]
+        rows = study(folder, arguments.data, QUICK if arguments.quick else tuple(PREDICTORS))
+    return [Result(title, note, make(rows)).show(arguments.console) for title, make, note in TABLES]

@@ -1,4 +1,4 @@
-"""Loading recordings of 100 MB in each format: time and memory, beside Python's own CSV reader."""
+"""Loading recordings of 100 MB in each format: time and memory, and Python's CSV reader's."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.report import Result, Row, Setting
+from benchmarks.report import Arguments, Result, TableRow
 from benchmarks.timing import ROOT, Yardstick, seconds_of
 from foresight_env.datasets import (
     DUT_RATE,
@@ -63,7 +63,7 @@ def write(source: str, folder: Path, tracks: int) -> Path:
     return write_ucy(recording, folder / "obsmat.txt", overwrite=True)
 
 
-def row(source: str, megabytes: float) -> Row:
+def row(source: str, megabytes: float) -> TableRow:
     """One line of the table."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -87,7 +87,7 @@ def row(source: str, megabytes: float) -> Row:
         "format": source,
         "file": f"{size / 1e6:.0f} MB",
         "rows": found["rows"],
-        "loaded in": yardstick.told(found["seconds"]),
+        "loaded in": yardstick.formatted(found["seconds"]),
         "of the time of Python's csv and float": found["seconds"] / plain,
         "memory above that before": f"{found['bytes'] / 1e6:.0f} MB",
         "of the file": found["bytes"] / size,
@@ -109,22 +109,22 @@ def read_plainly(file: Path) -> int:
     return count
 
 
-def run(setting: Setting) -> list[Result]:
+def run(arguments: Arguments) -> list[Result]:
     """The study; `quick` takes files of 10 MB."""
-    megabytes = 10 if setting.quick else MEGABYTES
+    megabytes = 10 if arguments.quick else MEGABYTES
     rows = [row(source, megabytes) for source in FORMATS]
     note = (
         f"Made recordings, {FRAMES} rows per person, read by `open_recording` into a `Recording`, "
-        "once, in a process of its own. Memory: the largest resident size less that before. Beside "
+        "once, in a separate process. Memory: the largest resident size less that before. Besides "
         "it a loop of Python's `csv.reader` and `float` over the same file, which keeps nothing."
     )
-    return [Result("Loading large recordings", note, rows).show(setting.console)]
+    return [Result("Loading large recordings", note, rows).show(arguments.console)]
 
 
 def largest_bytes() -> int:
     """Largest resident size of this process so far.
 
-    From Linux itself where it tells: `getrusage` there counts the process that started this one.
+    From Linux itself where possible: `getrusage` there counts the process that started this one.
     """
     status = Path("/proc/self/status")
     if status.is_file():

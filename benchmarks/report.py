@@ -1,4 +1,4 @@
-"""What a study hands back: a table for the terminal and for Markdown."""
+"""Results of a study: a table for the terminal and for Markdown."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from rich.console import Console
 from rich.table import Table
 
 Cell = str | int | float
-Row = dict[str, Cell]
+TableRow = dict[str, Cell]
 
 
 @dataclass(frozen=True)
-class Setting:
-    """What was asked for on the command line."""
+class Arguments:
+    """Command-line arguments of a benchmark."""
 
     console: Console
     quick: bool
     data: Path | None
     """Folder with recordings, for the study that needs one."""
     reference: Path | None = None
-    """Folder with the reference implementation's raw results, drawn beside ours where given."""
+    """Folder with the reference implementation's raw results, drawn next to ours where given."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Result:
 
     title: str
     note: str
-    rows: Sequence[Row]
+    rows: Sequence[TableRow]
 
     def show(self, console: Console) -> Result:
         """Print and return itself."""
@@ -42,7 +42,7 @@ class Result:
         for name in self.rows[0]:
             table.add_column(name, justify="right" if number_like(self.rows[0][name]) else "left")
         for row in self.rows:
-            table.add_row(*(told(value) for value in row.values()))
+            table.add_row(*(formatted(value) for value in row.values()))
         console.print(table)
         return self
 
@@ -57,7 +57,9 @@ class Result:
                 + "|".join("---:" if number_like(self.rows[0][n]) else "---" for n in names)
                 + "|",
             ]
-            lines += ["| " + " | ".join(told(v) for v in row.values()) + " |" for row in self.rows]
+            lines += [
+                "| " + " | ".join(formatted(v) for v in row.values()) + " |" for row in self.rows
+            ]
             lines.append("")
         return "\n".join(lines)
 
@@ -67,6 +69,6 @@ def number_like(value: Cell) -> bool:
     return not isinstance(value, str) or value[:1].isdigit()
 
 
-def told(value: Cell) -> str:
+def formatted(value: Cell) -> str:
     """A cell as text: three significant digits are what repeats support."""
     return f"{value:.3g}" if isinstance(value, float) else str(value)

@@ -15,8 +15,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from benchmarks.forward import LEAST_GAMMA, TOLERANCE, Drawn, draw, is_solved
-from benchmarks.report import Result, Row, Setting
+from benchmarks.forward import LEAST_GAMMA, TOLERANCE, DrawnStart, draw, is_solved
+from benchmarks.report import Arguments, Result, TableRow
 from benchmarks.timing import Yardstick, median_seconds
 from foresight_env.equilibrium import solve
 from foresight_env.equilibrium.checks.validation import check_parameters
@@ -30,7 +30,7 @@ GAMES = {10: 20, 25: 5}
 """Games per horizon; the larger ones take minutes each."""
 
 
-def nash_problem(game: Game, drawn: Drawn) -> Any:
+def nash_problem(game: Game, drawn: DrawnStart) -> Any:
     """The game with NashOpt's words; variables are player 0's controls, then player 1's."""
     from nashopt import GNEP
 
@@ -74,7 +74,7 @@ def nash_problem(game: Game, drawn: Drawn) -> Any:
     )
 
 
-def rival(game: Game, drawn: Drawn) -> tuple[float, float]:
+def rival(game: Game, drawn: DrawnStart) -> tuple[float, float]:
     """Seconds of a second, compiled solve, and the residual that it ends with."""
     with jax.enable_x64(True):
         problem = nash_problem(game, drawn)
@@ -85,14 +85,14 @@ def rival(game: Game, drawn: Drawn) -> tuple[float, float]:
         return time.perf_counter() - begin, float(np.max(np.abs(found.res)))
 
 
-def run(setting: Setting) -> list[Result]:
+def run(arguments: Arguments) -> list[Result]:
     """The study; `quick` has two games of the short horizon."""
     if find_spec("nashopt") is None:
         note = "Left out: NashOpt is not installed (`pip install nashopt`)."
-        return [Result("Another library", note, []).show(setting.console)]
+        return [Result("Another library", note, []).show(arguments.console)]
     yardstick = Yardstick.measure()
-    rows: list[Row] = []
-    for horizon, count in {10: 2}.items() if setting.quick else GAMES.items():
+    rows: list[TableRow] = []
+    for horizon, count in {10: 2}.items() if arguments.quick else GAMES.items():
         game = crosswalk_game(2, horizon, "hard")
         times, residuals, own, solved = [], [], [], 0
         for drawn in draw(count, LEAST_GAMMA):
@@ -100,7 +100,7 @@ def run(setting: Setting) -> list[Result]:
             times.append(seconds)
             residuals.append(residual)
 
-            def ours(drawn: Drawn = drawn, game: Game = game) -> Any:
+            def ours(drawn: DrawnStart = drawn, game: Game = game) -> Any:
                 return solve(game, drawn.states, MONTE_CARLO.theta, drawn.gamma)
 
             solved += is_solved(ours())
@@ -109,10 +109,10 @@ def run(setting: Setting) -> list[Result]:
             {
                 "T": horizon,
                 "games": count,
-                "NashOpt, median": yardstick.told(float(np.median(times))),
+                "NashOpt, median": yardstick.formatted(float(np.median(times))),
                 "NashOpt solved": int(np.sum(np.array(residuals) <= TOLERANCE)),
                 "NashOpt residual, median": f"{np.median(residuals):.1e}",
-                "foresight_env, median": yardstick.told(float(np.median(own))),
+                "foresight_env, median": yardstick.formatted(float(np.median(own))),
                 "foresight_env solved": solved,
                 "ratio of times": f"{np.median(times) / np.median(own):.0f}",
             }
@@ -120,6 +120,6 @@ def run(setting: Setting) -> list[Result]:
     note = (
         f"NashOpt {version('nashopt')}, default method, from the same cold start. Crosswalk "
         "with hard proximity, 2 players, gamma 0.05 to 1. Solved: largest KKT residual at most "
-        f"{TOLERANCE:g}, each library's own. Compile time apart. {yardstick.note}"
+        f"{TOLERANCE:g}, each library's own. Without compile time. {yardstick.note}"
     )
-    return [Result("Another library", note, rows).show(setting.console)]
+    return [Result("Another library", note, rows).show(arguments.console)]

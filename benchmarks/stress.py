@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from benchmarks.report import Result, Row, Setting
+from benchmarks.report import Arguments, Result, TableRow
 from benchmarks.timing import ROOT
 from foresight_env.equilibrium import Solution, Status, solve_many, verify
 from foresight_env.games import (
@@ -38,10 +38,10 @@ from foresight_env.scenarios.crosswalk import crosswalk_game, nominal_setting, p
 SITUATIONS = ("crossing", "head-on", "inside the margin", "goal beyond reach")
 GAMMA = (0.01, 1.1)
 GAMMA_UNDISCOUNTED = (0.7, 1.1)
-"""An undiscounted cost weighs `gamma**-t` beside the others: no scaling suits small gammas."""
+"""An undiscounted cost weighs `gamma**-t` relative to the others: no scaling suits small gammas."""
 
 
-class Drawn(NamedTuple):
+class DrawnGame(NamedTuple):
     """One random game of a class."""
 
     states: np.ndarray
@@ -51,12 +51,12 @@ class Drawn(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Family:
+class GameFamily:
     """A kind of game: how it is made for (players, horizon), how situations are drawn."""
 
     name: str
     make: Callable[[int, int], Game]
-    draw: Callable[[np.random.Generator, int, int], Drawn]
+    draw: Callable[[np.random.Generator, int, int], DrawnGame]
     sizes: tuple[tuple[int, int], ...]
 
 
@@ -75,17 +75,17 @@ def places(random: np.random.Generator, players: int, arrangement: str) -> tuple
     return start, goal
 
 
-def walkers(random: np.random.Generator, players: int, k: int, *, gamma: Any = GAMMA) -> Drawn:
+def walkers(random: np.random.Generator, players: int, k: int, *, gamma: Any = GAMMA) -> DrawnGame:
     """Double integrators that start at any speed within their limits."""
     arrangement = SITUATIONS[k % len(SITUATIONS)]
     start, goal = places(random, players, arrangement)
     states = np.concatenate([start, random.uniform(-0.8, 0.8, (players, 2))], axis=1)
-    return Drawn(
+    return DrawnGame(
         states, [player_theta(g) for g in goal], random.uniform(*gamma, players), arrangement
     )
 
 
-def cars(random: np.random.Generator, players: int, k: int, *, scale: float = 4.0) -> Drawn:
+def cars(random: np.random.Generator, players: int, k: int, *, scale: float = 4.0) -> DrawnGame:
     """Bicycles that drive towards their goals, up to 0.3 rad off."""
     arrangement = SITUATIONS[k % len(SITUATIONS)]
     start, goal = (scale * v for v in places(random, players, arrangement))
@@ -93,7 +93,7 @@ def cars(random: np.random.Generator, players: int, k: int, *, scale: float = 4.
     speed = random.uniform(0.5, 4.0, players)
     states = np.concatenate([start, speed[:, None], heading[:, None]], axis=1)
     theta = [{"goal": g, "speed": v} for g, v in zip(goal, speed, strict=True)]
-    return Drawn(states, theta, random.uniform(*GAMMA, players), arrangement)
+    return DrawnGame(states, theta, random.uniform(*GAMMA, players), arrangement)
 
 
 def walking_game(players: int, horizon: int, *, sigmoid: bool) -> Game:
@@ -157,7 +157,7 @@ def mixed_game(players: int, horizon: int) -> Game:
     return Game(tuple(walker if i % 2 else car for i in range(players)), horizon)
 
 
-def mixed(random: np.random.Generator, players: int, k: int) -> Drawn:
+def mixed(random: np.random.Generator, players: int, k: int) -> DrawnGame:
     """As `cars`, with velocities instead of speed and heading for those who walk."""
     drawn = cars(random, players, k, scale=2.0)
     states = drawn.states.copy()
@@ -165,38 +165,38 @@ def mixed(random: np.random.Generator, players: int, k: int) -> Drawn:
     return drawn._replace(states=states)
 
 
-def families() -> list[Family]:
+def families() -> list[GameFamily]:
     """All of them; the lane change is the example's."""
     example = runpy.run_path(str(ROOT / "examples" / "own_game.py"))
 
-    def lane_change(random: np.random.Generator, players: int, k: int) -> Drawn:
-        return Drawn(*example["draw"](random), "lane change")
+    def lane_change(random: np.random.Generator, players: int, k: int) -> DrawnGame:
+        return DrawnGame(*example["draw"](random), "lane change")
 
     small, large = ((2, 5), (2, 25), (4, 10), (6, 10)), ((2, 10), (3, 25), (2, 50))
     undiscounted = partial(walkers, gamma=GAMMA_UNDISCOUNTED)
     return [
-        Family(
+        GameFamily(
             "lane change, shared constraint",
             lambda n, t: example["lane_change"](t),
             lane_change,
             tuple((2, t) for t in (10, 20, 30, 40, 50)),
         ),
-        Family("walkers, elastic", crosswalk_game, walkers, (*small, *large)),
-        Family(
+        GameFamily("walkers, elastic", crosswalk_game, walkers, (*small, *large)),
+        GameFamily(
             "walkers, shared constraint", partial(crosswalk_game, proximity="hard"), walkers, small
         ),
-        Family("walkers, squared hinge", partial(walking_game, sigmoid=False), walkers, small),
-        Family("walkers, sigmoid", partial(walking_game, sigmoid=True), walkers, small),
-        Family(
+        GameFamily("walkers, squared hinge", partial(walking_game, sigmoid=False), walkers, small),
+        GameFamily("walkers, sigmoid", partial(walking_game, sigmoid=True), walkers, small),
+        GameFamily(
             "walkers, undiscounted hinge",
             partial(crosswalk_game, proximity="reference"),
             undiscounted,
             ((2, 10), (2, 25)),
         ),
-        Family("cars, squared hinge", partial(driving_game, hard=False), cars, small),
-        Family("cars, shared constraint", partial(driving_game, hard=True), cars, small),
-        Family("cars on lanes, elastic", lane_game, cars, small),
-        Family("cars and walkers, squared hinge", mixed_game, mixed, small),
+        GameFamily("cars, squared hinge", partial(driving_game, hard=False), cars, small),
+        GameFamily("cars, shared constraint", partial(driving_game, hard=True), cars, small),
+        GameFamily("cars on lanes, elastic", lane_game, cars, small),
+        GameFamily("cars and walkers, squared hinge", mixed_game, mixed, small),
     ]
 
 
@@ -206,7 +206,7 @@ def first_stage(bounds: Bounds | None, size: int) -> np.ndarray:
     return np.array([box.lower[0], box.upper[0]])
 
 
-def proven_infeasible(game: Game, drawn: Drawn) -> bool:
+def proven_infeasible(game: Game, drawn: DrawnGame) -> bool:
     """Whether two agents are too close at `x_2` whatever they do: then no solution exists.
 
     `x_2`'s positions lie in boxes that bounds of controls and speeds give; two boxes whose
@@ -240,10 +240,10 @@ def proven_infeasible(game: Game, drawn: Drawn) -> bool:
     )
 
 
-def situation_rows(name: str, size: tuple[int, int], drawn: Sequence[Drawn], found: Solution,
-                   proven: np.ndarray, verified: np.ndarray | None) -> list[Row]:  # fmt: skip
+def situation_rows(name: str, size: tuple[int, int], drawn: Sequence[DrawnGame], found: Solution,
+                   proven: np.ndarray, verified: np.ndarray | None) -> list[TableRow]:  # fmt: skip
     """One line per arrangement of a class of games."""
-    rows: list[Row] = []
+    rows: list[TableRow] = []
     situations = np.array([d.arrangement for d in drawn])
     for arrangement in dict.fromkeys(situations):
         mine = situations == arrangement
@@ -271,14 +271,14 @@ def situation_rows(name: str, size: tuple[int, int], drawn: Sequence[Drawn], fou
     return rows
 
 
-def run(setting: Setting) -> list[Result]:
+def run(arguments: Arguments) -> list[Result]:
     """The study; `quick` draws a tenth of the games and verifies none."""
-    count = 16 if setting.quick else 128
-    rows: list[Row] = []
+    count = 16 if arguments.quick else 128
+    rows: list[TableRow] = []
     total = solved = infeasible = unproven = not_finite = 0
     for family in families():
         for size in family.sizes:
-            with setting.console.status(f"{family.name}, N = {size[0]}, T = {size[1]}"):
+            with arguments.console.status(f"{family.name}, N = {size[0]}, T = {size[1]}"):
                 jax.clear_caches()  # dozens of compiled classes exhaust XLA's memory for code
                 game = family.make(*size)
                 random = np.random.default_rng([*size, len(family.name)])
@@ -291,7 +291,7 @@ def run(setting: Setting) -> list[Result]:
                 )
                 good = found.status == Status.SOLVED
                 verified = np.zeros(count, bool)
-                for k in np.flatnonzero(good) if not setting.quick else ():
+                for k in np.flatnonzero(good) if not arguments.quick else ():
                     one: Solution = jax.tree.map(lambda v, k=k: v[k], found)
                     checked = verify(game, one, drawn[k].theta, drawn[k].gamma)
                     verified[k] = checked.is_local_equilibrium
@@ -306,7 +306,7 @@ def run(setting: Setting) -> list[Result]:
             infeasible += int(labelled.sum())
             unproven += int((labelled & ~proven).sum())
             rows += situation_rows(
-                family.name, size, drawn, found, proven, None if setting.quick else verified
+                family.name, size, drawn, found, proven, None if arguments.quick else verified
             )
     note = (
         f"{total} random games, gamma uniform in {GAMMA} (undiscounted hinge: "
@@ -315,6 +315,6 @@ def run(setting: Setting) -> list[Result]:
         f"labelled so; it is proven for all but {unproven} of them, since two agents are too close "
         f"after one step whatever they do. {not_finite} of the solved hold a number that is not "
         "finite. Local equilibria: of the solved, by `verify`"
-        + (" (not measured with --quick)." if setting.quick else ".")
+        + (" (not measured with --quick)." if arguments.quick else ".")
     )
-    return [Result("Reliability", note, rows).show(setting.console)]
+    return [Result("Reliability", note, rows).show(arguments.console)]

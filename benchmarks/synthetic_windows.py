@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from benchmarks.intersection import draw
-from benchmarks.report import Result, Row, Setting
+from benchmarks.report import Arguments, Result, TableRow
 from benchmarks.timing import Yardstick
 from foresight_env.equilibrium import Status, solve
 from foresight_env.games import Game, ObservationModel, full_state
@@ -52,7 +52,7 @@ WALKERS = np.array([[0.0, -7.0, 0.0, 1.4], [3.0, 7.0, 0.0, -1.4]])
 WALKER_SPREAD = np.array([1.0, 1.0, 0.1, 0.2])
 
 
-class Window(NamedTuple):
+class SyntheticWindow(NamedTuple):
     """Noisy observations of an equilibrium, and what is known of its game."""
 
     game: Game
@@ -80,7 +80,7 @@ class Published:
         """In the table."""
         return f"published, wheelbase {self.wheelbase:g} m"
 
-    def window(self, seed: int, std: float) -> Window | None:
+    def window(self, seed: int, std: float) -> SyntheticWindow | None:
         """One window; None where the drawn game has no solution."""
         random = np.random.default_rng([seed, 1])
         game = intersection_game(
@@ -89,8 +89,8 @@ class Published:
         states, theta, gamma = draw(random, AACHEN.kinds)
         return _observed(game, states, theta, gamma, std, random)
 
-    def fit(self, window: Window, starts: MultiStart) -> Estimate:
-        """Goals start where agents are seen last, as in the study of recordings."""
+    def fit(self, window: SyntheticWindow, starts: MultiStart) -> Estimate:
+        """Goals start where agents are last observed, as in the study of recordings."""
         seen = window.observations
         last = seen[-1].reshape(len(AACHEN.kinds), 4)
         return estimate(
@@ -118,7 +118,7 @@ class Realistic:
         """In the table."""
         return "realistic"
 
-    def window(self, seed: int, std: float) -> Window | None:
+    def window(self, seed: int, std: float) -> SyntheticWindow | None:
         """One window; None where the drawn game has no solution."""
         random = np.random.default_rng([seed, 2])
         game = realistic_game(KINDS, (False,) * len(KINDS), HORIZON, DT)
@@ -139,7 +139,7 @@ class Realistic:
         gamma = random.uniform(0.2, 1.0, len(KINDS))
         return _observed(game, [*states, *walkers], theta, gamma, std, random)
 
-    def fit(self, window: Window, starts: MultiStart) -> Estimate:
+    def fit(self, window: SyntheticWindow, starts: MultiStart) -> Estimate:
         """Preferred motion starts at the last observed motion, arcs at zero curvature."""
         seen = window.observations
         last = seen[-1].reshape(len(KINDS), 4)
@@ -167,13 +167,13 @@ class Realistic:
         )
 
 
-Family = Published | Realistic
-FAMILIES: tuple[Family, ...] = (Published(1.0), Published(2.7), Realistic())
+WindowFamily = Published | Realistic
+FAMILIES: tuple[WindowFamily, ...] = (Published(1.0), Published(2.7), Realistic())
 
 
 def _observed(
     game: Game, states: Any, theta: Any, gamma: np.ndarray, std: float, random: np.random.Generator
-) -> Window | None:
+) -> SyntheticWindow | None:
     truth = solve(game, states, theta, gamma)
     if Status(int(truth.status)) != Status.SOLVED:
         return None
@@ -181,7 +181,7 @@ def _observed(
     exact = np.concatenate([s[:, :4] for s in truth.states], axis=1)
     noisy = exact + std * random.standard_normal(exact.shape)
     model = full_state((4,) * len(theta))
-    return Window(game, model, noisy, std, gamma, exact, tuple(theta))
+    return SyntheticWindow(game, model, noisy, std, gamma, exact, tuple(theta))
 
 
 class Fitted(NamedTuple):
@@ -199,7 +199,7 @@ class Fitted(NamedTuple):
     seconds: float
 
 
-def fitted(family: Family, window: Window, starts: MultiStart) -> Fitted:
+def fitted(family: WindowFamily, window: SyntheticWindow, starts: MultiStart) -> Fitted:
     """Fit one window."""
     begin = time.perf_counter()
     found = family.fit(window, starts)
@@ -217,9 +217,9 @@ def fitted(family: Family, window: Window, starts: MultiStart) -> Fitted:
     )
 
 
-def windows_of(family: Family, first: int, count: int, std: float) -> list[Window]:
+def windows_of(family: WindowFamily, first: int, count: int, std: float) -> list[SyntheticWindow]:
     """The first `count` solvable windows of seeds from `first` on."""
-    found: list[Window] = []
+    found: list[SyntheticWindow] = []
     seed = first
     while len(found) < count:
         window = family.window(seed, std)
@@ -229,13 +229,13 @@ def windows_of(family: Family, first: int, count: int, std: float) -> list[Windo
 
 
 def row(
-    family: Family,
+    family: WindowFamily,
     std: float,
     first: int,
     count: int,
     yardstick: Yardstick,
     starts: MultiStart = MultiStart(),
-) -> Row:
+) -> TableRow:
     """One line of the table."""
     windows = windows_of(family, first, count, std)
     family.fit(windows[0], starts)  # compiles
@@ -253,19 +253,19 @@ def row(
         "error of gamma, rms": float(np.sqrt(np.mean([f.error**2 for f in fits]))),
         "rms error of states, median": float(np.sqrt(np.median([f.mean_square for f in fits]))),
         "forward solves, median": f"{np.median([f.solves for f in fits]):.0f}",
-        "time, median": yardstick.told(float(np.median([f.seconds for f in fits]))),
-        "time, mean": yardstick.told(float(np.mean([f.seconds for f in fits]))),
+        "time, median": yardstick.formatted(float(np.median([f.seconds for f in fits]))),
+        "time, mean": yardstick.formatted(float(np.mean([f.seconds for f in fits]))),
     }
 
 
-def run(setting: Setting) -> list[Result]:
+def run(arguments: Arguments) -> list[Result]:
     """The study; `quick` has 2 windows a line and one noise level."""
-    count, stds = (2, STDS[1:]) if setting.quick else (40, STDS)
+    count, stds = (2, STDS[1:]) if arguments.quick else (40, STDS)
     yardstick = Yardstick.measure()
     rows = []
     for family in FAMILIES:
         for std in stds:
-            with setting.console.status(f"{family.name}, {std:g}"):
+            with arguments.console.status(f"{family.name}, {std:g}"):
                 rows.append(row(family, std, 0, count, yardstick))
     note = (
         "Windows of equilibria: the published intersection (29 stages of 0.24 s, two pedestrians "
@@ -277,4 +277,4 @@ def run(setting: Setting) -> list[Result]:
         f"1 per observed number. Test seeds 0 to 999, development seeds from {DEVELOPMENT} on. "
         f"{yardstick.note}"
     )
-    return [Result("Synthetic windows", note, rows).show(setting.console)]
+    return [Result("Synthetic windows", note, rows).show(arguments.console)]

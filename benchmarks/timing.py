@@ -51,7 +51,7 @@ class Yardstick:
 
     @staticmethod
     def measure() -> Yardstick:
-        """In a process of its own: the number of threads is fixed when NumPy is imported."""
+        """In a separate process: the number of threads is fixed when NumPy is imported."""
         run = subprocess.run(
             [sys.executable, "-c", YARDSTICK],
             env={**os.environ, **SINGLE_THREAD},
@@ -61,14 +61,14 @@ class Yardstick:
         )
         return Yardstick(float(run.stdout))
 
-    def told(self, seconds: float) -> str:
+    def formatted(self, seconds: float) -> str:
         """A time and its multiple of the yardstick."""
         unit = f"{seconds:.2f} s" if seconds >= 1.0 else f"{1e3 * seconds:.3g} ms"
         return f"{unit} ({seconds / self.seconds:.3g} y)"
 
     @property
     def note(self) -> str:
-        """What `y` stands for."""
+        """Meaning of `y`."""
         return f"Yardstick y: {1e3 * self.seconds:.2f} ms."
 
 
@@ -91,7 +91,7 @@ class CompileTime(NamedTuple):
     cached: float
 
     @property
-    def told(self) -> str:
+    def formatted(self) -> str:
         """For a table."""
         return f"{self.fresh:.1f} s, {self.cached:.1f} s"
 
@@ -120,7 +120,7 @@ def compile_seconds(kind: str, *arguments: str) -> CompileTime:
 
 
 def processor() -> str:
-    """Model of the processor, as far as the system tells."""
+    """Model of the processor, as far as the system reports it."""
     try:
         for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
             if line.startswith("model name"):

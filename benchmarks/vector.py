@@ -1,4 +1,4 @@
-"""Many crosswalks at once beside the same ones one by one."""
+"""Many crosswalks at once, compared with the same ones one by one."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from gymnasium.vector import SyncVectorEnv
 
 import foresight_env.envs  # noqa: F401  (registers the environments)
-from benchmarks.report import Result, Row, Setting
+from benchmarks.report import Arguments, Result, TableRow
 from foresight_env.envs.crosswalk.vector import CrosswalkVectorEnv
 
 ID = "foresight/Crosswalk-v0"
@@ -22,7 +22,7 @@ EPISODE = 10
 
 
 def _actions(seen: np.ndarray) -> np.ndarray:
-    """To the goal, whoever stands there."""
+    """To the goal; evades no agent."""
     wanted = 4.0 * (seen[:, -2:] - seen[:, :2]) - 3.0 * seen[:, 2:4]
     return np.clip(wanted, -10.0, 10.0).astype(np.float32)
 
@@ -38,10 +38,10 @@ def _rate(env: Any, steps: int, *, seed: int | None = None, skip: int = 0) -> fl
     return float(env.num_envs * steps / (time.perf_counter() - begin))
 
 
-def run(setting: Setting) -> list[Result]:
+def run(arguments: Arguments) -> list[Result]:
     """`quick` has a tenth of the environments and one repeat."""
-    count, repeats = (MANY // 8, 1) if setting.quick else (MANY, 3)
-    rows: list[Row] = []
+    count, repeats = (MANY // 8, 1) if arguments.quick else (MANY, 3)
+    rows: list[TableRow] = []
     for behaviour in ("open_loop", "receding"):
 
         def single(behaviour: str = behaviour) -> Any:
@@ -66,9 +66,9 @@ def run(setting: Setting) -> list[Result]:
             }
         )
     note = (
-        f"Crosswalk, {PLAYERS} agents, full observations, `CrosswalkVectorEnv` beside Gymnasium's "
-        "`SyncVectorEnv` with the same arguments; the ego walks to its goal, whoever stands there. "
+        f"Crosswalk, {PLAYERS} agents, full observations, `CrosswalkVectorEnv` and Gymnasium's "
+        "`SyncVectorEnv` with the same arguments; the ego walks to its goal and evades no agent. "
         "Within episodes: the steps after the first, in which open-loop oracles have nothing to "
-        f"solve. Resets included: 70 steps. Medians of {repeats}, compilation apart, all cores."
+        f"solve. Resets included: 70 steps. Medians of {repeats}, without compilation, all cores."
     )
-    return [Result("Many crosswalks at once", note, rows).show(setting.console)]
+    return [Result("Many crosswalks at once", note, rows).show(arguments.console)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from benchmarks.report import Result, Row, Setting
+from benchmarks.report import Arguments, Result, TableRow
 from evaluation.studies.junction_comparison import compare
 from evaluation.windows.intersection import Case, Choice, load
 from foresight_env.datasets import closest_crossings, open_recording
@@ -36,7 +36,7 @@ def window(folder: Path, clip: str) -> Choice | None:
     return None
 
 
-def rows_of(case: Case, clip: str, parameters: str) -> list[Row]:
+def rows_of(case: Case, clip: str, parameters: str) -> list[TableRow]:
     """A line per game and method."""
     return [
         {
@@ -55,16 +55,16 @@ def rows_of(case: Case, clip: str, parameters: str) -> list[Row]:
     ]
 
 
-def run(setting: Setting) -> list[Result]:
+def run(arguments: Arguments) -> list[Result]:
     """The study; without data it says that it was skipped. `quick` has 2 clips."""
-    if setting.data is None:
+    if arguments.data is None:
         note = "Skipped: recorded data are not shipped; give their folder with `--data DIR`."
-        return [Result(TITLE, note, []).show(setting.console)]
-    files = sorted(setting.data.rglob("*_traj_ped_filtered.csv"))
+        return [Result(TITLE, note, []).show(arguments.console)]
+    files = sorted(arguments.data.rglob("*_traj_ped_filtered.csv"))
     if not files:
-        raise ValueError(f"--data: no *_ped_filtered.csv below {setting.data}")
-    rows: list[Row] = []
-    for file in files[: 2 if setting.quick else None]:
+        raise ValueError(f"--data: no *_ped_filtered.csv below {arguments.data}")
+    rows: list[TableRow] = []
+    for file in files[: 2 if arguments.quick else None]:
         clip = file.name.removesuffix("_traj_ped_filtered.csv")
         choice = window(file.parent, clip)
         if choice is not None:
@@ -76,4 +76,4 @@ def run(setting: Setting) -> list[Result]:
         "noise added. Prediction: of the second half, from the first. Free in the published game: "
         "goals alone, or weights and distances too."
     )
-    return [Result(TITLE, note, rows).show(setting.console)]
+    return [Result(TITLE, note, rows).show(arguments.console)]

@@ -1,6 +1,6 @@
 """A hook of mkdocs: formulas become MathML, which browsers draw without scripts or network.
 
-`$...$` within a paragraph and `$$...$$` on lines of their own, outside code; links from `docs/`
+`$...$` within a paragraph and `$$...$$` on separate lines, outside code; links from `docs/`
 to files of the project that are no pages become plain names.
 """
 

@@ -1,6 +1,6 @@
 """Several environments stepped together: `python examples/many_at_once.py`.
 
-One after the other in this process, in processes of their own, and as one compiled program: the
+One after the other in this process, in separate processes, and as one compiled program: the
 same episodes each time, since environment k of seed s has the episode of seed s + k.
 """
 

@@ -1,4 +1,4 @@
-"""A custom game: a lane change beside another car. `python examples/own_game.py`
+"""A custom game: a lane change next to another car. `python examples/own_game.py`
 
 Defined, solved, verified, inverted from noisy observations, and solved for a thousand episodes.
 """
@@ -41,7 +41,7 @@ def lane_change(horizon=15, dt=0.2):
 
 
 def draw(random):
-    """Car 0 moves over to the lane of car 1, somewhere beside it: states, theta, gamma."""
+    """Car 0 moves over to the lane of car 1, somewhere next to it: states, theta, gamma."""
     speed = random.uniform(4.0, 8.0, 2)
     beside = random.uniform(-4.0, 4.0)
     states = np.array([[0.0, 0.0, speed[0], 0.0], [beside, LANE, speed[1], 0.0]])

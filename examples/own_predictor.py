@@ -23,7 +23,7 @@ def slowing(history: History, steps: int) -> np.ndarray:
     times = history.dt * np.arange(1, steps + 1)
     paths = []
     for i in range(len(history.kinds)):
-        last = history.seen(i)[-1]  # an agent out of sight was seen before
+        last = history.seen(i)[-1]  # an agent out of sight was observed before
         state, age = history.states[last, i], history.dt * (len(history.states) - 1 - last)
         way = RELAXATION * (1.0 - np.exp(-(age + times) / RELAXATION))
         paths.append(state[:2] + way[:, None] * state[2:])

@@ -19,7 +19,7 @@ WEIGHTS = Path(__file__).with_suffix(".safetensors")
 DEVICE = "cuda" if torch.cuda.is_available() else "cpu"
 
 
-class Network(torch.nn.Module):
+class DisplacementNetwork(torch.nn.Module):
     """From velocities (N, K, 2) to changes of velocity (N, 2), m/s."""
 
     def __init__(self, width: int = 16) -> None:
@@ -41,7 +41,7 @@ class Recurrent:
     def __init__(self, weights: Path | None = None) -> None:
         """Weights from a file, else from `WEIGHTS` where that exists, else a new network."""
         torch.manual_seed(0)
-        self.network = Network().to(DEVICE).eval()
+        self.network = DisplacementNetwork().to(DEVICE).eval()
         path = weights or (WEIGHTS if WEIGHTS.exists() else None)
         if path is not None:
             # Not `torch.load`, which unpickles: such a file may run any code that it likes.
@@ -59,7 +59,7 @@ class Recurrent:
 
 
 def filled(states: np.ndarray) -> np.ndarray:
-    """States without gaps: who is not seen keeps the state seen before, or has the first."""
+    """States without gaps: unobserved agents keep the state before, or have the first."""
     found = states.copy()
     for agent in range(states.shape[1]):
         known = np.flatnonzero(~np.isnan(states[:, agent]).any(axis=1))
@@ -68,7 +68,7 @@ def filled(states: np.ndarray) -> np.ndarray:
     return found
 
 
-def train(network: Network, rounds: int = 100) -> list[float]:
+def train(network: DisplacementNetwork, rounds: int = 100) -> list[float]:
     """Learn that people go straight on; the losses."""
     generator = torch.Generator().manual_seed(0)
     optimiser = torch.optim.Adam(network.parameters(), 1e-2)

@@ -12,8 +12,8 @@ Scenario = Literal["crosswalk", "intersection", "driving"]
 SceneName = Literal["left_turn", "merge", "lane_change", "roundabout"]
 """Road layouts of the scenario `driving`."""
 Observation = Literal["full", "positions"]
-"""What agents observe: whole states, or positions alone."""
-Behaviour = Literal["receding", "open_loop"]
+"""Observed part of states: whole states, or positions alone."""
+BehaviourName = Literal["receding", "open_loop"]
 """How uncontrolled agents play the game: re-planning at every step, or once at the start."""
 DrivingBehaviour = Literal["receding", "open_loop", "idm"]
 """The same for cars, which highway-env's IDM/MOBIL may drive."""

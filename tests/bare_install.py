@@ -1,4 +1,4 @@
-"""What an installation without extras must do; `make test-bare` runs this in one.
+"""Requirements of an installation without extras; `make test-bare` runs this in one.
 
 Not a module of the test suite, which needs the extra `dev`.
 """
@@ -81,7 +81,7 @@ def missing(extra, function, *arguments):
 
 
 def name_missing_extras():
-    """What needs an extra says which one, and `foresight` does so in one line."""
+    """Errors name a missing extra, and `foresight` does so in one line."""
     from importlib import import_module
 
     from agents import make_ego, make_predictor

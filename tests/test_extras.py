@@ -1,4 +1,4 @@
-"""What needs an optional dependency says which extra brings it."""
+"""Errors name the extra that has a missing dependency."""
 
 import importlib
 import os

@@ -64,9 +64,9 @@ def sources():
 
 
 def unknown_globals(module):
-    """Names that functions of a module look up globally, and that nobody defines.
+    """Names that functions of a module look up globally, and that are not defined.
 
-    Linters cannot tell: words in jaxtyping's shapes look like names to them.
+    Linters cannot find them: words in jaxtyping's shapes look like names to them.
     """
     known = {*vars(module), *dir(builtins)}
     code = [compile(Path(module.__file__).read_text(encoding="utf-8"), module.__name__, "exec")]
@@ -131,7 +131,7 @@ def commands():
 
 @pytest.mark.parametrize("line", commands())
 def test_documented_commands_exist(line):
-    """Every name and option that documentation tells is one; nothing is run."""
+    """Every name and option in the documentation exists; nothing is run."""
     from evaluation.cli.app import app
 
     command, words = typer.main.get_command(app), shlex.split(line)[1:]

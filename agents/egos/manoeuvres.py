@@ -51,7 +51,7 @@ class Manoeuvres(NamedTuple):
     later_margin: Float[np.ndarray, "L"]
     """The same of `later`."""
     now_backups: tuple[Backup, ...]
-    """What to keep for the next decision when a manoeuvre of `now` is taken."""
+    """Backup for the next decision when a manoeuvre of `now` is taken."""
     later_backups: tuple[Backup, ...]
     """The same, when the decision's action is taken and a manoeuvre of `later` may follow."""
 
@@ -180,7 +180,7 @@ def _driving(
         target = along(path, aim)[0, 0, :2]
         steering.append(pursuit(player.dynamics, state, target, (float(low[1]), float(high[1]))))
     levels = np.linspace(low[0], high[0], LEVELS)
-    # A car that comes to rest within the step needs no stronger braking.
+    # Cars that rest within the step need no stronger braking.
     braked = np.maximum(levels, -speed / dt)
     controls = [np.column_stack([braked, np.full(LEVELS, angle)]) for angle in steering]
     ways = covered_distance(speed, levels, fastest, times)

@@ -47,7 +47,7 @@ class PredictThenPlan:
     window: int = 10
     """Steps of the predictor's history."""
     risk: float = 0.1
-    """Where a forecast has covariances: probability that another agent is nearer to the plan than
+    """Of a forecast with covariances: probability that another agent is nearer to the plan than
     the ego plans for, at each step."""
 
     def init(self, scene: Scene, agent: str | int) -> PlanMemory:

@@ -1,4 +1,4 @@
-"""Where others may be within stated bounds, and how clear of them an ego's motions are."""
+"""Reachable places of others within stated bounds, and clearances of an ego's motions."""
 
 from __future__ import annotations
 

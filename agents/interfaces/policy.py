@@ -4,7 +4,7 @@
     memory = policy.update(memory, observation, info)   # once per step, before acting
     decision, memory = policy.act(memory)               # decision.action goes to env.step
 
-A policy is a setting without state of its own; everything that changes is in `memory`, so one
+A policy is a stateless setting; everything that changes is in `memory`, so one
 policy may control several agents. Observations and actions are NumPy arrays as the environment
 defines them.
 """
@@ -60,7 +60,7 @@ class EgoPolicy(Protocol[Memory]):
     ) -> Memory:
         """Take in the latest observation.
 
-        Only an oracle may look at the truth about others in `info`. `scene.check_episode` tells
+        Only an oracle may look at the truth about others in `info`. `scene.check_episode` finds
         whether `observation` and `info` are of the scene's episode.
 
         Raises:

@@ -31,7 +31,7 @@ class Features(NamedTuple):
     """Inputs of a network, for A places of which some are empty."""
 
     past: Float32[np.ndarray, "A known 5"]
-    """In each agent's frame: place (m), velocity (m/s), and 1 where it was seen."""
+    """In each agent's frame: place (m), velocity (m/s), and 1 where it was observed."""
     kind: Float32[np.ndarray, "A 2"]
     """1 for vehicles; speed, m/s."""
     others: Float32[np.ndarray, "A A 6"]
@@ -69,7 +69,7 @@ def present_tracks(history: History) -> Float[np.ndarray, "known N 4"]:
 
 
 def features_of(history: History) -> tuple[Features, Frames]:
-    """Inputs for the first `AGENTS` agents of a history; the others are not seen."""
+    """Inputs for the first `AGENTS` agents of a history; the others are not observed."""
     tracks = present_tracks(history)
     count = min(len(history.kinds), AGENTS)
     tracks = tracks[:, :count]
@@ -108,7 +108,7 @@ def features_of(history: History) -> tuple[Features, Frames]:
 
 
 def straight(frames: Frames, times: Float[np.ndarray, "P"]) -> Float[np.ndarray, "P A 2"]:
-    """Where agents are at these times (s) in straight motion."""
+    """Positions of agents at these times (s) in straight motion."""
     return np.asarray(frames.place + times[:, None, None] * frames.velocity)
 
 

@@ -17,7 +17,7 @@ from agents.learned.weights import FOLDER, load_network
 
 @lru_cache(maxsize=8)
 def _loaded(path: Path) -> Any:
-    network, _ = load_network(path, lambda told: GammaNetwork(key=jax.random.key(0)))
+    network, _ = load_network(path, lambda description: GammaNetwork(key=jax.random.key(0)))
     return network
 
 

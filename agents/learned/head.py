@@ -46,7 +46,7 @@ class Head(eqx.Module):
         times = STEP * jnp.arange(1, AHEAD + 1)[:, None]
         unit = times * (0.3 + 0.1 * kind[:, 1])[None, :, None, None]
         spread = LEAST_DEVIATION + unit * jax.nn.softplus(parts[..., 2:])
-        # Of the scene as a whole: everybody has a say in which future it is.
+        # Of the scene as a whole: all agents decide which future it is.
         say = jnp.sum(jnp.where(there[:, None], logits, 0.0), axis=0)
         return Futures(unit * parts[..., :2], spread, say)
 

@@ -17,7 +17,7 @@ from agents.learned.head import Futures, Head
 
 
 class Block(eqx.Module):
-    """Attention whose scores and values know the pair, then a layer of its own for each agent."""
+    """Attention whose scores and values know the pair, then a layer per agent."""
 
     query: eqx.nn.Linear
     pair: eqx.nn.MLP
@@ -70,7 +70,7 @@ class InteractionTransformer(eqx.Module):
         self.head = Head(width, modes, key=last)
 
     def __call__(self, seen: Features) -> Futures:
-        """What happens next."""
+        """Futures of all agents."""
         past, kind = jnp.asarray(seen.past), jnp.asarray(seen.kind)
         there, others = jnp.asarray(seen.there), jnp.asarray(seen.others)
         flat = jnp.concatenate([past.reshape(len(past), -1), kind], axis=1)

@@ -26,11 +26,11 @@ NETWORKS: dict[str, Any] = {"social-lstm": SocialLstm, "transformer": Interactio
 
 @lru_cache(maxsize=8)
 def _loaded(path: Path) -> tuple[Any, float]:
-    def make(told: dict[str, Any]) -> Any:
-        return NETWORKS[told["network"]](key=jax.random.key(0))
+    def make(description: dict[str, Any]) -> Any:
+        return NETWORKS[description["network"]](key=jax.random.key(0))
 
-    network, told = load_network(path, make)
-    return network, float(told["calibration"])
+    network, description = load_network(path, make)
+    return network, float(description["calibration"])
 
 
 @eqx.filter_jit

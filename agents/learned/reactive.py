@@ -37,8 +37,8 @@ class ReactiveMemory(NamedTuple):
 
 @lru_cache(maxsize=8)
 def _loaded(path: Path) -> Any:
-    def make(told: dict[str, Any]) -> Any:
-        return REACTIVE[told["network"]](key=jax.random.key(0))
+    def make(description: dict[str, Any]) -> Any:
+        return REACTIVE[description["network"]](key=jax.random.key(0))
 
     return load_network(path, make)[0]
 

@@ -31,13 +31,13 @@ class SocialLstm(eqx.Module):
         self.width = width
 
     def __call__(self, seen: Features) -> Futures:
-        """What happens next."""
+        """Futures of all agents."""
         kind = jnp.asarray(seen.kind)
 
         def remember(past: jax.Array, own: jax.Array) -> jax.Array:
             def step(state: tuple[jax.Array, jax.Array], row: jax.Array):
                 found = self.memory(jnp.concatenate([row, own]), state)
-                # Who was not seen leaves no trace.
+                # Unobserved agents have no influence.
                 kept = jax.tree.map(lambda a, b: jnp.where(row[-1] > 0.0, a, b), found, state)
                 return kept, None
 

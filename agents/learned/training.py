@@ -67,12 +67,12 @@ def train(
     folder: Path,
     schedule: Schedule = Schedule(),
     *,
-    told: Callable[[Epoch], None] = lambda epoch: None,
+    on_epoch: Callable[[Epoch], None] = lambda epoch: None,
 ) -> Trained:
     """Train what `make(key)` makes, with checkpoints in `folder`; resume from the last one.
 
-    `examples`, `validation`: PyTrees of NumPy arrays with a leading axis. `told`: is given every
-    epoch as it ends. `ValueError` where the folder holds the training of something else.
+    `examples`, `validation`: PyTrees of NumPy arrays with a leading axis. `on_epoch`: is called
+    with every epoch as it ends. `ValueError` where the folder holds the training of something else.
     """
     count = len(jax.tree.leaves(examples)[0])
     if count < 1 or len(jax.tree.leaves(validation)[0]) < 1:
@@ -105,7 +105,7 @@ def train(
             best = network
         curve = (*curve, Epoch(number, float(value), judged))
         checkpoint.save((network, state, best), curve)
-        told(curve[-1])
+        on_epoch(curve[-1])
     return Trained(best, curve, min(curve, key=lambda e: e.validation).number)
 
 

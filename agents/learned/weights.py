@@ -14,7 +14,7 @@ from safetensors import SafetensorError
 from safetensors.numpy import load, save
 
 FOLDER = Path(__file__).parent / "shipped"
-"""What the library ships."""
+"""Folder of the shipped weights."""
 
 
 def arrays_of(tree: Any) -> dict[str, np.ndarray]:
@@ -69,7 +69,7 @@ def load_network(path: Path, make: Callable[[dict[str, Any]], Any]) -> tuple[Any
         if not file.is_file():
             raise ValueError(f"{file}: is missing; train it, or name another file")
     try:
-        told = json.loads(about.read_text())
+        description = json.loads(about.read_text())
     except json.JSONDecodeError as error:
         raise ValueError(f"{about}: is not JSON ({error})") from error
-    return unpacked(make(told), path.read_bytes(), str(path)), told
+    return unpacked(make(description), path.read_bytes(), str(path)), description

@@ -93,7 +93,7 @@ def half_plane(
     if distance <= radius or (
         from_tip @ away < 0.0 and (from_tip @ away) ** 2 > radius**2 * length**2
     ):
-        if length < SLACK:  # towards nobody's side in particular: step aside to the left
+        if length < SLACK:  # no side is given: step to the left
             from_tip, length = np.array([away[1], -away[0]]), max(distance, SLACK)
         normal = from_tip / length
         change = (radius / horizon - length) * normal

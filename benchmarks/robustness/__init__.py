@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.report import Result, Row, Setting
+from benchmarks.report import Arguments, Result, TableRow
 from benchmarks.robustness.environments import (
     PARALLEL,
     use_parallel,
@@ -85,40 +85,42 @@ def rough_use(seconds: float, least: int, seed: int = 0) -> tuple[Tally, list[fl
 
 
 def resident_memory() -> float:
-    """Of this process, MiB; NaN where the system does not tell."""
+    """Of this process, MiB; NaN where the system does not report it."""
     gc.collect()
-    told = Path("/proc/self/statm")
-    if not told.exists():
+    usage = Path("/proc/self/statm")
+    if not usage.exists():
         return float("nan")
-    return int(told.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / MEBIBYTE
+    return int(usage.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / MEBIBYTE
 
 
-def run(setting: Setting) -> list[Result]:
+def run(arguments: Arguments) -> list[Result]:
     """The study; `quick` takes two minutes."""
-    minutes, least = (QUICK_MINUTES, 0) if setting.quick else (MINUTES, LEAST_EPISODES)
+    minutes, least = (QUICK_MINUTES, 0) if arguments.quick else (MINUTES, LEAST_EPISODES)
     begin = time.monotonic()
     tally, memory = rough_use(60.0 * minutes, least)
     passed = (time.monotonic() - begin) / 60.0
     crashed = {v.partition(": ")[0] for v in tally.violations}
-    rows: list[Row] = [
+    rows: list[TableRow] = [
         {
             "used": name,
             "times": tally.done[name],
             "wrong calls refused": tally.refused[name],
-            "failures told by a status": tally.failed[name],
+            "failures with a status": tally.failed[name],
             "violations": sum(v.startswith(f"{name}: ") for v in tally.violations),
         }
         for name in sorted(set(tally.done) | set(tally.refused) | crashed)
     ]
-    told = ", ".join(f"{value:.0f}" for value in memory)
+    series = ", ".join(f"{value:.0f}" for value in memory)
     first = "; ".join(dict.fromkeys(tally.violations[:5])) or "none"
     note = (
         f"{tally.done.total()} uses in {passed:.0f} minutes, drawn at random, with "
         f"{tally.episodes.total()} whole episodes of environments; resident memory at each tenth "
-        f"of the time (MiB): {told}. Violations: {len(tally.violations)} ({first})."
+        f"of the time (MiB): {series}. Violations: {len(tally.violations)} ({first})."
     )
-    ids: list[Row] = [{"id": name, "episodes": n} for name, n in sorted(tally.episodes.items())]
+    ids: list[TableRow] = [
+        {"id": name, "episodes": n} for name, n in sorted(tally.episodes.items())
+    ]
     return [
-        Result("Rough use", note, rows).show(setting.console),
-        Result("Episodes of rough use", "Over all ids.", ids).show(setting.console),
+        Result("Rough use", note, rows).show(arguments.console),
+        Result("Episodes of rough use", "Over all ids.", ids).show(arguments.console),
     ]

@@ -27,8 +27,8 @@ FAULTS: dict[str, Callable[[Random, np.ndarray], np.ndarray]] = {
         [rows[: len(rows) // 3], np.tile(rows[len(rows) // 3], (len(rows) - len(rows) // 3, 1))]
     ),
     "an agent vanishes": lambda random, rows: _without(rows, len(rows) // 2),
-    "an agent is never seen": lambda random, rows: _without(rows, 0),
-    "nobody is seen": lambda random, rows: np.full_like(rows, np.nan),
+    "an agent is never observed": lambda random, rows: _without(rows, 0),
+    "no agent is observed": lambda random, rows: np.full_like(rows, np.nan),
     "teleport": lambda random, rows: (
         rows + np.where(np.arange(len(rows)) > len(rows) // 2, 10.0, 0.0)[:, None]
     ),
@@ -103,7 +103,7 @@ SHOWN = 8
 
 
 def use_predictor(random: Random, tally: Tally) -> None:
-    """A history with a fault, for every quick predictor; everybody is seen once at least."""
+    """A history with a fault, for every quick predictor; every agent is observed once at least."""
     fault = list(FAULTS)[random.integers(len(FAULTS))]
     rows = FAULTS[fault](random, _walks(random, SHOWN, True)).reshape(SHOWN, 2, 4)
     missing = np.isnan(rows).any(axis=2)

@@ -1,4 +1,4 @@
-"""What happened while everything was used roughly."""
+"""Counts of calls, failures and violations during rough use."""
 
 from __future__ import annotations
 
@@ -14,29 +14,29 @@ Random = np.random.Generator
 
 @dataclass
 class Tally:
-    """What happened, by the name of what was used: its kind, or `kind: variant`."""
+    """Counts by what was used: its kind, or `kind: variant`."""
 
     done: Counter[str] = field(default_factory=Counter)
     episodes: Counter[str] = field(default_factory=Counter)
     """Whole episodes of an environment, by its id."""
     refused: Counter[str] = field(default_factory=Counter)
     failed: Counter[str] = field(default_factory=Counter)
-    """Failures that a status told."""
+    """Failures that a status reports."""
     violations: list[str] = field(default_factory=list)
 
-    def must_refuse(self, name: str, told: str, call: Callable[[], Any]) -> None:
+    def must_refuse(self, name: str, case: str, call: Callable[[], Any]) -> None:
         """Call what is wrong: only `ValueError` is right."""
         try:
             call()
         except ValueError:
             self.refused[name] += 1
         except Exception as error:
-            self.violations.append(f"{name}: {told}: {type(error).__name__}: {error}")
+            self.violations.append(f"{name}: {case}: {type(error).__name__}: {error}")
         else:
-            self.violations.append(f"{name}: {told} was accepted")
+            self.violations.append(f"{name}: {case} was accepted")
 
-    def must_be_finite(self, name: str, told: str, *values: Any) -> None:
+    def must_be_finite(self, name: str, case: str, *values: Any) -> None:
         """Nothing in these arrays may be NaN or infinite."""
         for value in values:
             if not np.isfinite(np.asarray(value, float)).all():
-                self.violations.append(f"{name}: {told}: {value}")
+                self.violations.append(f"{name}: {case}: {value}")

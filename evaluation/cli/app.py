@@ -225,9 +225,9 @@ def main() -> None:
     try:
         status = app(standalone_mode=False, prog_name="foresight")
     except UsageError as error:
-        told = " ".join(error.format_message().split())
-        if told:  # nothing when the command stands alone: then its help has been shown
-            typer.echo(f"foresight: {told}", err=True)
+        message = " ".join(error.format_message().split())
+        if message:  # nothing when the command stands alone: then its help has been shown
+            typer.echo(f"foresight: {message}", err=True)
         sys.exit(2)
     sys.exit(status if isinstance(status, int) else 0)
 

@@ -1,4 +1,4 @@
-"""What the commands do, step by step, with words for the reader."""
+"""Commands of the demonstration, step by step, with explanations."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ from evaluation.studies import closed_loop, estimation, prediction, value
 from evaluation.studies import driving as driving_study
 from evaluation.studies import intersection as intersection_study
 from evaluation.studies.closed_loop import ClosedLoop, summarise
-from evaluation.studies.driving import DrivingSetting
+from evaluation.studies.driving import DrivingConfiguration
 from evaluation.studies.heatmap import heatmap
 from evaluation.studies.intersection import least_observed, observed_steps
 from evaluation.studies.junction_comparison import compare
@@ -61,7 +61,7 @@ from evaluation.windows.intersection import Choice, contradictions, load
 from foresight_env.inverse import Profile
 
 DEMO_SETTING = "crowd-3-far"
-"""Where knowing the others' foresight is worth much (docs/measurements.md)."""
+"""Settings in which knowing the others' discount factors is worth much (docs/measurements.md)."""
 DEMO_SEEDS = range(6)
 DEMO_INTRODUCTION = (
     "An ego (gamma 0.95) crosses the way of two others, whose discount factors it does not know: "
@@ -171,7 +171,7 @@ def evaluate_driving(
     scenes: tuple[str, ...],
     others: tuple[str, ...],
     egos: tuple[str, ...],
-    setting: DrivingSetting,
+    setting: DrivingConfiguration,
     workers: Workers,
     out: Path,
 ) -> None:

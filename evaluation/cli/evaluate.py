@@ -122,9 +122,9 @@ def evaluate_driving(
         chosen_agents("--egos", egos, DRIVING_EGO_NAMES),
     )
     from evaluation.cli import demonstration
-    from evaluation.studies.driving import DrivingSetting
+    from evaluation.studies.driving import DrivingConfiguration
 
-    setting = DrivingSetting(cars, noise_std, observation, safety_filter)
+    setting = DrivingConfiguration(cars, noise_std, observation, safety_filter)
     demonstration.evaluate_driving(
         episodes, *chosen, setting, chosen_workers(workers, cluster), out
     )
@@ -189,8 +189,8 @@ def evaluate_safety(
 
 
 Site = Literal["auto", "aachen", "open"]
-"""What is known of the place of a recording."""
-Parameters = Literal["goals", "all"]
+"""Place of a recording, as far as it is known."""
+EstimatedParameters = Literal["goals", "all"]
 """Parameters that are estimated in addition to discount factors."""
 
 
@@ -230,7 +230,7 @@ def evaluate_intersection(
         ),
     ] = "auto",
     parameters: Annotated[
-        Parameters,
+        EstimatedParameters,
         typer.Option(
             help="Estimated in addition to gamma: goals, or weights and distances as well."
         ),

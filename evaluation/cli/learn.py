@@ -85,7 +85,7 @@ def train(
         require("rl", f"train {PPO}")
     from agents.learned.training import Epoch, Schedule
 
-    def told(epoch: Epoch) -> None:
+    def on_epoch(epoch: Epoch) -> None:
         typer.echo(f"epoch {epoch.number}: {epoch.train:.4f}, validation {epoch.validation:.4f}")
 
     folders = [Path(part.strip()) for part in episodes.split(",") if part.strip()]
@@ -93,11 +93,11 @@ def train(
     if name == PPO:
         from evaluation.training.reinforcement import reinforce
 
-        found = reinforce(out / name, schedule, told)
+        found = reinforce(out / name, schedule, on_epoch)
     else:
         from evaluation.training.supervised import learn
 
-        found = learn(name, folders, data, out / name, schedule, told)
+        found = learn(name, folders, data, out / name, schedule, on_epoch)
     best = found.curve[found.best]
     typer.echo(f"kept: epoch {best.number}, validation {best.validation:.4f}")
     typer.echo(f"weights: {out / name / f'{name}.safetensors'}")

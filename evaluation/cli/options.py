@@ -152,7 +152,7 @@ ClusterOption = Annotated[
 
 
 def chosen_workers(workers: int | None, cluster: str | None) -> int | str | None:
-    """What `--workers` and `--cluster` mean together (`evaluation.execution.local.Workers`)."""
+    """Meaning of `--workers` and `--cluster` together (`evaluation.execution.local.Workers`)."""
     if cluster is None:
         return workers
     if workers is not None:

@@ -22,7 +22,7 @@ from evaluation.cli.options import (
 Seeds = Literal["development", "test"]
 """Which episodes: those that settings were chosen on, or the others."""
 Bound = Literal["clairvoyant", "know-gamma", "oracle"]
-"""What the baseline is compared with."""
+"""Egos that the baseline is compared with."""
 DEFAULT_EGOS = ("oracle", "know-gamma", "infer-gamma", "constant-velocity")
 
 

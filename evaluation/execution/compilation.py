@@ -1,4 +1,4 @@
-"""What a process keeps of the programs that XLA has compiled."""
+"""Compiled programs that a process keeps."""
 
 from __future__ import annotations
 

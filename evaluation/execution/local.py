@@ -1,4 +1,4 @@
-"""Who runs trials: this process, several on this machine, or a Dask cluster."""
+"""Workers that run trials: this process, several on this machine, or a Dask cluster."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What makes another agent of the same name: rows of one are not taken for those of another."""
+"""Settings that make another agent of the same name, whose rows are kept separately."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ OURS = ("agents", "foresight_env")
 def fingerprint(agent: Any) -> str:
     """An agent's settings as JSON; of one that is not this library's, its source's digest as well.
 
-    Files that a user's agent reads, such as weights, are not seen: give another name to what they
+    Files that a user's agent reads, such as weights, do not count: give another name to what they
     make, or choose a fresh folder.
     """
     return json.dumps(agent, default=_described, sort_keys=True)

@@ -119,7 +119,7 @@ class Store:
 
 
 class Results(NamedTuple):
-    """What a results folder holds."""
+    """Contents of a results folder."""
 
     folder: Path
     study: str
@@ -136,14 +136,14 @@ def read_results(folder: Path) -> Results:
     """A folder of results as it is; what a row lacks (where a trial failed) is None."""
     manifest = folder / "manifest.json"
     try:
-        told = json.loads(manifest.read_text())
-        study, code = str(told["study"]), str(told.get("code", UNKNOWN))
-        version = str(told.get("version", UNKNOWN))
-        configuration = dict(told["configuration"])
+        recorded = json.loads(manifest.read_text())
+        study, code = str(recorded["study"]), str(recorded.get("code", UNKNOWN))
+        version = str(recorded.get("version", UNKNOWN))
+        configuration = dict(recorded["configuration"])
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise StoreError(f"{manifest}: is no manifest of results ({error})") from error
-    machine = f"Python {told.get('python', '?')}, {told.get('machine', '?')}"
-    rows = _read_parts(folder, tuple(told.get("key", ())))
+    machine = f"Python {recorded.get('python', '?')}, {recorded.get('machine', '?')}"
+    rows = _read_parts(folder, tuple(recorded.get("key", ())))
     return Results(folder, study, configuration, code, version, machine, rows)
 
 

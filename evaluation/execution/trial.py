@@ -30,9 +30,9 @@ class Attempt:
             place = f"{os.path.basename(where.filename)}:{where.lineno}"
             return self.failed(trial, f"{type(error).__name__}: {error} ({place})")
 
-    def failed(self, trial: Trial, told: str) -> Row:
+    def failed(self, trial: Trial, message: str) -> Row:
         """The row of a trial that failed."""
-        return {**self._key(trial), "error": told}
+        return {**self._key(trial), "error": message}
 
     def _key(self, trial: Trial) -> Row:
         return {name: trial[name] for name in self.key}

@@ -29,7 +29,7 @@ STANDING = 0.05
 
 
 def footprint(kind: str, extent: Float[np.ndarray, "2"]) -> Footprint:
-    """What an agent covers: a box for vehicles, of usual size where none is stated, else a disc."""
+    """Footprint of an agent: a box for vehicles, of usual size if none is stated, else a disc."""
     if not is_vehicle(kind):
         return Footprint(radius=body_radius(kind))
     usual = kind_of(kind)
@@ -55,7 +55,7 @@ def overlaps(history: History, positions: Float[np.ndarray, "P N 2"]) -> int:
 
 
 def _motions(history: History, agent: int, path: Float[np.ndarray, "P 2"]) -> list[Motion]:
-    """The agent's steps, from where it was seen last."""
+    """The agent's steps, from where it was last observed."""
     last = history.seen(agent)[-1]
     place, velocity = history.states[last, agent, :2], history.states[last, agent, 2:]
     heading = float(history.headings[last, agent])

@@ -36,14 +36,14 @@ def clustered_interval(
     return Interval(float(data.mean()), float(low), float(high))
 
 
-def share_interval(happened: Bool[np.ndarray, "n"]) -> Interval:
+def share_interval(outcomes: Bool[np.ndarray, "n"]) -> Interval:
     """Share of independent cases in which an event occurred, with Wilson's interval (1927).
 
     Resampling would call "never in six cases" certain.
     """
-    if happened.size == 0:
-        raise ValueError("happened: is empty; expected at least one case")
-    found = binomtest(int(happened.sum()), happened.size)
+    if outcomes.size == 0:
+        raise ValueError("outcomes: is empty; expected at least one case")
+    found = binomtest(int(outcomes.sum()), outcomes.size)
     low, high = found.proportion_ci(0.95, method="wilson")
     return Interval(float(found.statistic), float(low), float(high))
 

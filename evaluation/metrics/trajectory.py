@@ -142,7 +142,7 @@ def at_fault(states: Float[np.ndarray, "N 4"], ego: int) -> bool:
     return bool(states[ego, 2] > STANDING and ahead > 0.0)
 
 
-class Comfort(NamedTuple):
+class RideComfort(NamedTuple):
     """How a ride feels; root mean squares over an episode."""
 
     acceleration: float
@@ -153,17 +153,17 @@ class Comfort(NamedTuple):
     """Acceleration across the car, `v` times the yaw rate, m/s^2."""
 
 
-def comfort(states: Float[np.ndarray, "K 4"], dt: float) -> Comfort:
+def comfort(states: Float[np.ndarray, "K 4"], dt: float) -> RideComfort:
     """Of one car's `[px, py, v, psi]` at even times; at least three of them, or NaN."""
     if len(states) < 3:
-        return Comfort(np.nan, np.nan, np.nan)
+        return RideComfort(np.nan, np.nan, np.nan)
     acceleration = np.diff(states[:, 2]) / dt
     across = states[:-1, 2] * np.diff(states[:, 3]) / dt
 
     def size(values: Float[np.ndarray, "L"]) -> float:
         return float(np.sqrt(np.mean(values**2)))
 
-    return Comfort(size(acceleration), size(np.diff(acceleration) / dt), size(across))
+    return RideComfort(size(acceleration), size(np.diff(acceleration) / dt), size(across))
 
 
 def lateral_acceleration(

@@ -8,7 +8,13 @@ from pathlib import Path
 from evaluation.execution.local import Workers
 from evaluation.execution.store import Row
 from evaluation.reports.benchmark_page import print_parts, write_page
-from evaluation.reports.benchmark_results import Part, closed_part, common, open_part, write_csv
+from evaluation.reports.benchmark_results import (
+    PlaceResult,
+    closed_part,
+    common,
+    open_part,
+    write_csv,
+)
 from evaluation.reports.naming import OTHERS
 from evaluation.reports.terminal import terminal
 from evaluation.rollout.places import is_driving
@@ -19,7 +25,7 @@ from evaluation.windows.table import WINDOW
 
 def benchmark(
     plan: Plan, data: Path | None, split: str, workers: Workers, out: Path
-) -> tuple[Part, ...]:
+) -> tuple[PlaceResult, ...]:
     """Run what `out` does not have yet; tables, `benchmark.csv` and `benchmark.html` there.
 
     `data`: recordings for the open loop; None leaves them out. `split`: see `prediction.study`.
@@ -47,7 +53,7 @@ def benchmark(
 Keyed = dict[Hashable, tuple[Hashable, Row]]
 
 
-def recorded_parts(rows: Sequence[Row], predictors: Sequence[str]) -> list[Part]:
+def recorded_parts(rows: Sequence[Row], predictors: Sequence[str]) -> list[PlaceResult]:
     """A part per data set and split."""
     found = []
     for source, split in sorted({(r["source"], r["split"]) for r in rows}):
@@ -73,7 +79,7 @@ def recorded_parts(rows: Sequence[Row], predictors: Sequence[str]) -> list[Part]
 PER_WINDOW = ("average_error", "final_error", "missed", "best_average_error", "nll")
 
 
-def simulated_parts(rows: Sequence[Row], plan: Plan) -> list[Part]:
+def simulated_parts(rows: Sequence[Row], plan: Plan) -> list[PlaceResult]:
     """A part per environment; an episode's windows depend on each other."""
     found = []
     for place in plan.places if rows else ():
@@ -94,7 +100,7 @@ def simulated_parts(rows: Sequence[Row], plan: Plan) -> list[Part]:
     return found
 
 
-def driven_parts(rows: Sequence[Row], plan: Plan) -> list[Part]:
+def driven_parts(rows: Sequence[Row], plan: Plan) -> list[PlaceResult]:
     """A part per environment and kind of others."""
     found = []
     for place, others in plan.pairs() if rows else ():

@@ -11,7 +11,14 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from evaluation.reports.benchmark_results import CLOSED, OPEN, Line, Metric, Part, Value
+from evaluation.reports.benchmark_results import (
+    CLOSED,
+    OPEN,
+    MethodResult,
+    Metric,
+    PlaceResult,
+    Value,
+)
 from evaluation.reports.digits import significant
 from evaluation.reports.failures import failed
 from evaluation.reports.naming import label_of
@@ -35,14 +42,14 @@ def number(value: float, unit: str) -> str:
 
 def interval(value: Value, unit: str) -> str:
     """The mean with its interval, where it has one."""
-    told = number(value.mean, unit)
+    text = number(value.mean, unit)
     if np.isnan(value.low):
-        return told
-    return f"{told} [{number(value.low, unit)}, {number(value.high, unit)}]"
+        return text
+    return f"{text} [{number(value.low, unit)}, {number(value.high, unit)}]"
 
 
-def cell(line: Line, metric: Metric) -> str:
-    """What a table shows of a metric."""
+def cell(line: MethodResult, metric: Metric) -> str:
+    """Text of a metric's value in a table."""
     value = line.values.get(metric.name, Value(float("nan")))
     if metric.name in INTERVALS:
         return interval(value, metric.unit)
@@ -63,10 +70,12 @@ def header(metric: Metric) -> str:
 
 
 ON_TERMINAL = ("ADE", "NLL", "collided", "time to goal", "1 s ahead")
-"""What there is room for in 80 columns; the page and the CSV have the rest."""
+"""Columns that fit in 80 characters; the page and the CSV have the rest."""
 
 
-def print_parts(console: Console, parts: Sequence[Part], *, everything: bool = False) -> None:
+def print_parts(
+    console: Console, parts: Sequence[PlaceResult], *, everything: bool = False
+) -> None:
     """One table per part, best first; with `everything`, of all metrics."""
     for part in parts:
         table = Table(title=f"{part.loop}: {title(part)}")
@@ -89,8 +98,8 @@ def print_parts(console: Console, parts: Sequence[Part], *, everything: bool = F
         console.print(table)
         for line in part.lines:
             if line.errors:
-                told = f"{label_of(line.method)}: {failed(line.errors)}"
-                console.print(f"[red]{escape(told)}[/red]")
+                text = f"{label_of(line.method)}: {failed(line.errors)}"
+                console.print(f"[red]{escape(text)}[/red]")
     console.print(
         "Best first; closed loop: by collisions, then by time to goal, which counts the time limit "
         "where the goal was not reached unharmed and gives the rank. Brackets: 95 % intervals of "
@@ -98,18 +107,18 @@ def print_parts(console: Console, parts: Sequence[Part], *, everything: bool = F
     )
 
 
-def title(part: Part) -> str:
+def title(part: PlaceResult) -> str:
     """Place and number of cases."""
     counts = sorted({line.cases for line in part.lines if line.cases})
     place = part.place.replace("_", " ")
     return f"{place[0].upper()}{place[1:]}: {counts[0] if counts else 'no'} {part.cases}"
 
 
-def _any_failed(part: Part) -> bool:
+def _any_failed(part: PlaceResult) -> bool:
     return any(line.errors for line in part.lines)
 
 
-def write_page(parts: Sequence[Part], path: Path, subtitle: str) -> Path:
+def write_page(parts: Sequence[PlaceResult], path: Path, subtitle: str) -> Path:
     """One self-contained page, open loop and closed loop side by side."""
     templates = Environment(
         loader=PackageLoader("evaluation.reports"), autoescape=True, undefined=StrictUndefined
@@ -129,8 +138,10 @@ def write_page(parts: Sequence[Part], path: Path, subtitle: str) -> Path:
     return path
 
 
-def span(part: Part, line: Line, metric: Metric) -> tuple[float, float, float] | None:
-    """Where a mean and its interval lie between the least and the greatest of a column, 0 to 100.
+def span(
+    part: PlaceResult, line: MethodResult, metric: Metric
+) -> tuple[float, float, float] | None:
+    """Position of a mean and its interval between the least and greatest of a column, 0 to 100.
 
     None where there is nothing to show.
     """

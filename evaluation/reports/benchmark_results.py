@@ -1,4 +1,4 @@
-"""What the benchmark's rows say: means with intervals and ranks, for tables, page and CSV."""
+"""Summary of the benchmark's rows: means with intervals and ranks, for tables, page and CSV."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Metric(NamedTuple):
 
     name: str
     unit: str
-    told: str
+    description: str
     """Description in the page's legend."""
     ranked: bool = False
     """Whether methods are ranked by it; less is better."""
@@ -65,7 +65,7 @@ class Value(NamedTuple):
     rank: Rank | None = None
 
 
-class Line(NamedTuple):
+class MethodResult(NamedTuple):
     """One method at one place."""
 
     method: str
@@ -77,22 +77,24 @@ class Line(NamedTuple):
     """Of the trials that failed."""
 
 
-class Part(NamedTuple):
+class PlaceResult(NamedTuple):
     """All methods at one place, best first."""
 
     loop: str
     place: str
     cases: str
-    """What is counted."""
+    """Unit of the counted cases."""
     metrics: tuple[Metric, ...]
-    lines: tuple[Line, ...]
+    lines: tuple[MethodResult, ...]
 
 
 Cases = list[tuple[Hashable, Row]]
 """A method's windows or episodes with the cluster that each belongs to, in a common order."""
 
 
-def open_part(place: str, methods: dict[str, Cases], errors: Mapping[str, Sequence[str]]) -> Part:
+def open_part(
+    place: str, methods: dict[str, Cases], errors: Mapping[str, Sequence[str]]
+) -> PlaceResult:
     """Predictions at one place; every method has the same windows."""
     columns: dict[Metric, Callable[[Row], float]] = {
         ADE: lambda r: r["average_error"],
@@ -102,10 +104,12 @@ def open_part(place: str, methods: dict[str, Cases], errors: Mapping[str, Sequen
         NLL: lambda r: _number(r["nll"]),
     }
     lines = _lines(methods, errors, columns, (ADE,))
-    return Part(OPEN, place, "windows", OPEN_METRICS, _sorted(lines, ADE))
+    return PlaceResult(OPEN, place, "windows", OPEN_METRICS, _sorted(lines, ADE))
 
 
-def closed_part(place: str, methods: dict[str, Cases], errors: Mapping[str, Sequence[str]]) -> Part:
+def closed_part(
+    place: str, methods: dict[str, Cases], errors: Mapping[str, Sequence[str]]
+) -> PlaceResult:
     """Driving at one place; every method has the same seeds."""
     columns: dict[Metric, Callable[[Row], float]] = {
         HARM: lambda r: 100.0 * (r["collision"] or r["off_road"]),
@@ -116,15 +120,15 @@ def closed_part(place: str, methods: dict[str, Cases], errors: Mapping[str, Sequ
         AHEAD: lambda r: _number(r["prediction_error"]),
     }
     lines = _lines(methods, errors, columns, (HARM, TIME))
-    return Part(CLOSED, place, "episodes", CLOSED_METRICS, _sorted(lines, HARM, TIME))
+    return PlaceResult(CLOSED, place, "episodes", CLOSED_METRICS, _sorted(lines, HARM, TIME))
 
 
 def _number(value: float | None) -> float:
     return float("nan") if value is None else float(value)
 
 
-def _sorted(lines: list[Line], *metrics: Metric) -> tuple[Line, ...]:
-    def key(line: Line) -> list[float]:
+def _sorted(lines: list[MethodResult], *metrics: Metric) -> tuple[MethodResult, ...]:
+    def key(line: MethodResult) -> list[float]:
         means = [line.values[m.name].mean for m in metrics]
         return [np.inf if np.isnan(mean) else mean for mean in means]
 
@@ -136,7 +140,7 @@ def _lines(
     errors: Mapping[str, Sequence[str]],
     columns: dict[Metric, Callable[[Row], float]],
     ranked: tuple[Metric, ...],
-) -> list[Line]:
+) -> list[MethodResult]:
     """A line per method that has cases; methods without any have their failed trials."""
     full = {name: cases for name, cases in methods.items() if cases}
     clusters = [cluster for cluster, _ in next(iter(full.values()), [])]
@@ -158,7 +162,7 @@ def _lines(
         if name not in full:
             empty = {metric.name: Value(float("nan")) for metric in columns}
             values_of = {**empty, FAILED_TRIALS.name: Value(float(len(mine)))}
-            lines.append(Line(name, 0, values_of, mine))
+            lines.append(MethodResult(name, 0, values_of, mine))
             continue
         cells = {
             metric.name: _value(
@@ -171,7 +175,7 @@ def _lines(
         cells[P50.name], cells[P99.name] = (Value(float(q)) for q in np.percentile(times, [50, 99]))
         cells[FAILED.name] = Value(float(sum(row["failed"] for row in rows)))
         cells[FAILED_TRIALS.name] = Value(float(len(mine)))
-        lines.append(Line(name, len(rows), cells, mine))
+        lines.append(MethodResult(name, len(rows), cells, mine))
     return lines
 
 
@@ -203,7 +207,7 @@ def common(methods: dict[str, dict[Hashable, tuple[Hashable, Row]]]) -> dict[str
     }
 
 
-def write_csv(parts: Sequence[Part], path: Path) -> Path:
+def write_csv(parts: Sequence[PlaceResult], path: Path) -> Path:
     """A line per loop, place, method and metric, methods as tables show them; numbers in full."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")

@@ -16,7 +16,7 @@ TITLES = {
     "intersection": "Intersection: a window of people and cars",
     "driving": "Driving: an unprotected left turn (among game agents / among IDM cars)",
 }
-"""By a study's name; others have nothing published to be put beside."""
+"""By a study's name; others have no published numbers."""
 NOTES = {
     "estimation": "The reference's descents begin at the true parameters, this library's at random "
     "discount factors and last observed positions. From noisy positions alone speeds are hardly "
@@ -27,7 +27,7 @@ NOTES = {
     "the study runs on a recording that the project makes itself: then errors do not compare, only "
     "what is saved by inferring gamma does.",
 }
-HEAD = """# Results beside the paper's
+HEAD = """# Results and the paper's
 
 Written by `make paper`; what else was measured is in [measurements](measurements.md). *Reference*:
 the implementation that the paper's authors published; *paper*: its statements. A dash: nothing is
@@ -38,7 +38,7 @@ said.
 def write_comparison(folder: Path, path: Path) -> Path:
     """Write the Markdown page of all studies in and below a folder; its path.
 
-    `ValueError`: none of them has anything published to be put beside.
+    `ValueError`: none of them has published numbers.
     """
     manifests = sorted(folder.rglob("manifest.json"))
     found = [present(read_results(manifest.parent))[0] for manifest in manifests]

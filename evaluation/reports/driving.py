@@ -20,7 +20,7 @@ from evaluation.reports.naming import OTHERS, colour_of, heading_of, label_of
 from evaluation.reports.tables import mean_and_half
 from evaluation.rollout.endings import COLLISION, OFF_ROAD, REACHED, TIME_OUT
 from evaluation.studies.driving import (
-    Summary,
+    DrivingSummary,
     good_rows,
     paired,
     summarise,
@@ -32,7 +32,7 @@ PAPER_DISTANCE = 6.0
 
 
 def place(scene: str, others: str) -> str:
-    """What a table or a panel is about."""
+    """Title of a table or a panel."""
     return f"{scene.replace('_', ' ')}, {OTHERS[others]}"
 
 
@@ -59,7 +59,7 @@ def print_driving(
         console.print(f"[red]{escape(failed(errors))}[/red]")
 
 
-def _table(title: str, summaries: Sequence[Summary], width: int) -> Table:
+def _table(title: str, summaries: Sequence[DrivingSummary], width: int) -> Table:
     table = Table(title=title)
     table.add_column("", no_wrap=True)
     for s in summaries:
@@ -73,7 +73,7 @@ def _table(title: str, summaries: Sequence[Summary], width: int) -> Table:
         **ends,
         "gap of boxes [m]": [mean_and_half(s.gap) for s in summaries],
         "smallest of all [m]": [f"{s.least_gap:.2f}" for s in summaries],
-        "middles apart [m]": [mean_and_half(s.distance, 1) for s in summaries],
+        "distance of middles [m]": [mean_and_half(s.distance, 1) for s in summaries],
         "least of all [m]": [f"{s.least_distance:.1f}" for s in summaries],
         "time to goal [s]": [mean_and_half(s.time) for s in summaries],
         "acceleration [m/s^2]": [f"{s.rides['rms_acceleration']:.1f}" for s in summaries],

@@ -27,7 +27,7 @@ class EpisodePictures(NamedTuple):
 
 
 def overlay_of(step: Step, ego: str, setting: RunSetting) -> Overlay:
-    """What the registered ego thought at this step, for the scene."""
+    """Overlay of the registered ego at this step."""
     decision, truth = step.decision, setting.true_gammas(step.info)
     return Overlay(
         predicted=dict(decision.predicted),

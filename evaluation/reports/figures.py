@@ -218,7 +218,7 @@ def closed_loop_summary(rows: Sequence[Row], egos: Sequence[str], path: Path) ->
     for axes, (column, label) in zip(figure.subplots(1, 3), columns.items(), strict=True):
         for k, ego in enumerate(egos):
             values = np.array([r[column] for r in rows if r["ego"] == ego and not r["error"]])
-            # A fixed spread keeps equal values apart without hiding any.
+            # A fixed spread separates equal values without hiding any.
             place = k + 0.25 * np.sin(2.4 * np.arange(len(values)))
             axes.plot(place, values, ".", color=colour_of(ego), alpha=0.6, ms=5)
             axes.plot([k - 0.3, k + 0.3], [values.mean()] * 2, color="black", lw=2)
@@ -275,7 +275,7 @@ def recorded_encounter(encounter: Encounter, forecasts: Sequence[Judged], path: 
         _name(axes, name, seen[~np.isnan(seen[:, 0])][0])
     for found in forecasts:
         label = label_of(found.predictor)
-        told = f"{label} (ADE {found.average_error:.2f} m, FDE {found.final_error:.2f} m)"
+        with_errors = f"{label} (ADE {found.average_error:.2f} m, FDE {found.final_error:.2f} m)"
         path_to = found.forecast.most_likely
         for a in range(len(window.agents)):
             start = window.history.states[-1, a, :2][None]
@@ -285,7 +285,7 @@ def recorded_encounter(encounter: Encounter, forecasts: Sequence[Judged], path: 
                 # Wider, since the others often lie on top of it.
                 *line.T, ".-", ms=3, lw=3.0 if found.predictor == "encounter-game" else 1.2,
                 color=colour_of(found.predictor),
-                label=told if a == 0 else None,
+                label=with_errors if a == 0 else None,
             )  # fmt: skip
     _metres(axes)
     axes.margins(0.1)  # room for names

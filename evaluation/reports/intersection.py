@@ -96,9 +96,9 @@ def print_gammas(console: Console, rows: Sequence[Row]) -> None:
         for i in (i for i, k in enumerate(kinds) if k == kind):
             for row in chosen:
                 low, high = row["gamma_low"][i], row["gamma_high"][i]
-                told = f"{low:.2f} to {high:.2f}" if row["gamma_identifiable"][i] else "open"
+                text = f"{low:.2f} to {high:.2f}" if row["gamma_identifiable"][i] else "open"
                 table.add_row(
-                    kind, row["agents"][i], row["observation"], f"{row['gamma'][i]:.2f}", told
+                    kind, row["agents"][i], row["observation"], f"{row['gamma'][i]:.2f}", text
                 )
                 values.append(row["gamma"][i])
         if values:
@@ -169,9 +169,9 @@ def print_compared_gammas(console: Console, case: Case, comparisons: Sequence[Co
     console.print("Published: gamma per step. Realistic: gamma per second.")
     for c in comparisons:
         if c.gamma is not None:
-            told = ", ".join(c.unidentified) or "none"
+            text = ", ".join(c.unidentified) or "none"
             console.print(
-                f"{c.game}: {c.free} free parameters; not identifiable from the window: {told}",
+                f"{c.game}: {c.free} free parameters; not identifiable from the window: {text}",
                 markup=False,
             )
 
@@ -185,8 +185,10 @@ def error_over_noise(rows: Sequence[Row], path: Path) -> Path:
         for method in METHODS:
             stds = sorted({r["std"] for r in rows})
             found = [_values(rows, "error_squared", observation, std, method) for std in stds]
-            told = [mean_and_error(values) if values.size else (np.nan, 0.0) for values in found]
-            means, spreads = np.array(told).T
+            summaries = [
+                mean_and_error(values) if values.size else (np.nan, 0.0) for values in found
+            ]
+            means, spreads = np.array(summaries).T
             axes.errorbar(
                 stds, means, yerr=spreads, fmt=".-", capsize=3,
                 color=colour_of(method), label=label_of(method),

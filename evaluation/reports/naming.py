@@ -14,7 +14,7 @@ from zlib import crc32
 from agents.registry import PLANNED, make_ego, make_predictor
 
 OTHERS = {"receding": "game agents", "idm": "IDM/MOBIL cars", "open_loop": "open-loop game agents"}
-"""Whom an ego drives among."""
+"""Name of the others that an ego drives among."""
 COLOURS = {
     "truth": "#000000",
     "infer-gamma": "#0072B2",
@@ -81,5 +81,5 @@ def _either(name: str) -> Any:
 
 
 def colour_of(name: str) -> str:
-    """The same in every figure: of a name without one of its own, chosen by its letters."""
+    """The same in every figure: of a name without a fixed one, chosen by its letters."""
     return COLOURS.get(name, OTHER_COLOURS[crc32(name.encode()) % len(OTHER_COLOURS)])

@@ -1,4 +1,4 @@
-"""What studies print, kept for a page instead of shown on a terminal."""
+"""Output of studies, kept for a page instead of shown on a terminal."""
 
 from __future__ import annotations
 

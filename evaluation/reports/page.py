@@ -32,7 +32,7 @@ class Figure:
     """A figure on the page and in a paper."""
 
     name: str
-    told: str
+    caption: str
     png: Path
     pdf: Path
 
@@ -51,7 +51,7 @@ class Chapter:
     failures: list[tuple[str, int, int, str]]
     """Method, trials, failed trials, error of the first of these."""
     published: Sequence[tuple[str, str, str, str]]
-    """What was measured, then the reference's number, the paper's and ours."""
+    """The quantity, then the reference's number, the paper's and ours."""
     figures: list[Figure]
     replays: list[tuple[Replay, str]]
     """With why they were chosen."""
@@ -60,7 +60,7 @@ class Chapter:
 def write_report(folder: Path, episodes: int = 4) -> Path:
     """Write `report.html` and `figures/` into a folder of results; the page's path.
 
-    All studies in it and below are told: what was run, tables, figures (PNG and PDF), failures, and
+    All studies in it and below are reported: settings, tables, figures (PNG and PDF), failures, and
     up to `episodes` episodes per study, run again, to step through. `ValueError`: there are none.
     """
     manifests = sorted(folder.rglob("manifest.json")) if folder.is_dir() else []
@@ -105,10 +105,10 @@ def write_report(folder: Path, episodes: int = 4) -> Path:
 
 def _drawn(part: Section, folder: Path, prefix: str) -> list[Figure]:
     figures = []
-    for name, (draw, told) in part.figures.items():
+    for name, (draw, caption) in part.figures.items():
         stem = f"{prefix}_{name}" if prefix else name
         png, pdf = (draw(folder / f"{stem}.{kind}") for kind in ("png", "pdf"))
-        figures.append(Figure(name, told, png, pdf))
+        figures.append(Figure(name, caption, png, pdf))
     return figures
 
 

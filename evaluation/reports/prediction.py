@@ -26,18 +26,18 @@ from foresight_env.games.kinds import is_vehicle
 FIRST = ("junction-game", "encounter-game")
 """Which predictor the others are compared with: the first of these that there is."""
 
-Part = tuple[str, str]
+DataSplit = tuple[str, str]
 """Data set and split."""
 Line = dict[str, str | int]
 """Of a table: cells by column."""
 
 
-def parts(rows: Sequence[Row]) -> list[Part]:
+def parts(rows: Sequence[Row]) -> list[DataSplit]:
     """Which data sets and splits there are."""
     return sorted({(r["source"], r["split"]) for r in rows})
 
 
-def _name(part: Part) -> str:
+def _name(part: DataSplit) -> str:
     return f"{part[0].upper()}, {part[1]}"
 
 
@@ -48,7 +48,7 @@ def predictors(rows: Sequence[Row]) -> list[str]:
     return sorted(names, key=lambda name: (name != first, name))
 
 
-def _of(rows: Sequence[Row], part: Part, predictor: str) -> list[Row]:
+def _of(rows: Sequence[Row], part: DataSplit, predictor: str) -> list[Row]:
     """One predictor's rows of windows that all predictors have finished, in the same order."""
     mine = [r for r in rows if (r["source"], r["split"]) == part]
     out = {tuple(r[k] for k in WINDOW) for r in mine if r["error"]}
@@ -176,12 +176,12 @@ def _differences(rows: Sequence[Row], column: str, error: Callable[[Row], float]
                 (error(a), error(b), str(a["group"])) for a, b in zip(first, second, strict=True)
             ]
             pairs = [pair for pair in pairs if not np.isnan(pair[:2]).any()]
-            told = "-"
+            text = "-"
             if pairs:
                 gap = np.array([a - b for a, b, _ in pairs])
                 groups = [group for *_, group in pairs]
                 interval = clustered_interval(gap, groups)
-                told = f"{interval.mean:+.3f}" + (
+                text = f"{interval.mean:+.3f}" + (
                     f" [{interval.low:+.3f}, {interval.high:+.3f}]"
                     if len(set(groups)) >= LEAST_GROUPS
                     else " (too few groups)"
@@ -192,7 +192,7 @@ def _differences(rows: Sequence[Row], column: str, error: Callable[[Row], float]
                     f"{label_of(names[0])} minus": label_of(other),
                     "windows": len(pairs),
                     "groups": len({group for *_, group in pairs}),
-                    column: told,
+                    column: text,
                     "won": f"{np.mean([a < b for a, b, _ in pairs]):.0%}" if pairs else "-",
                 }
             )
@@ -224,8 +224,8 @@ def by_class(rows: Sequence[Row]) -> list[Line]:
                             for t in SECONDS
                         },
                         "lateral acceleration, p99 (recorded) [m/s^2]": " ".join(
-                            told.format(_quantile(_of_class(mine, column, chosen)))
-                            for told, column in (
+                            text.format(_quantile(_of_class(mine, column, chosen)))
+                            for text, column in (
                                 ("{:.1f}", "agent_lateral_predicted"),
                                 ("({:.1f})", "agent_lateral_recorded"),
                             )

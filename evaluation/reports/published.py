@@ -1,4 +1,4 @@
-"""What the paper and its reference implementation reached, and the same number of our results.
+"""Numbers of the paper and its reference implementation, and the same of our results.
 
 The reference's numbers are means over all noise levels of the raw results that it publishes (those
 of the intersection: without noise), the paper's are its statements; `docs/measurements.md`
@@ -23,11 +23,11 @@ from evaluation.studies.estimation import LEAST_STD, bound
 METHODS = ("assume-gamma-1", "infer-gamma")
 """In the order of the reference's numbers."""
 Select = dict[str, Any]
-"""Columns and the values wanted in them."""
+"""Columns and the values that rows must have in them."""
 
 
 @dataclass(frozen=True)
-class Comparison:
+class PublishedNumber:
     """A published number, and how it is computed from the rows of a study."""
 
     what: str
@@ -35,7 +35,7 @@ class Comparison:
     """Of the reference implementation; empty where it says nothing."""
     paper: str
     here: Callable[[Sequence[Row]], str]
-    """Empty where the rows do not tell."""
+    """Empty where the rows have no such number."""
 
 
 def _chosen(rows: Sequence[Row], select: Select) -> list[Row]:
@@ -83,12 +83,12 @@ def _above_bound(observation: str, rows: Sequence[Row]) -> str:
 
 def _left_turn(ego: str, tell: Callable[[list[Row]], str], rows: Sequence[Row]) -> str:
     """Among game agents / among IDM cars."""
-    told = [
+    text = [
         tell(mine)
         for others in ("receding", "idm")
         if (mine := _chosen(rows, {"scene": "left_turn", "others": others, "ego": ego}))
     ]
-    return " / ".join(told)
+    return " / ".join(text)
 
 
 def _ends(ending: str, mine: list[Row]) -> str:
@@ -104,10 +104,10 @@ def _both(
     observation: str,
     reference: tuple[str, str],
     find: Callable[[Select, Sequence[Row]], str],
-) -> tuple[Comparison, ...]:
+) -> tuple[PublishedNumber, ...]:
     """A number of both methods."""
     return tuple(
-        Comparison(
+        PublishedNumber(
             f"{what}, {label_of(method)}",
             value,
             "",
@@ -117,18 +117,18 @@ def _both(
     )
 
 
-PUBLISHED: dict[str, tuple[Comparison, ...]] = {
+PUBLISHED: dict[str, tuple[PublishedNumber, ...]] = {
     "estimation": (
         *_both("mean error from full states", "full", ("0.608", "0.176"), _error),
         *_both("mean error from positions", "positions", ("2.189", "0.273"), _error),
         *(
-            Comparison(
-                f"error over the Cramer-Rao bound, {told}",
+            PublishedNumber(
+                f"error over the Cramer-Rao bound, {text}",
                 reference,
                 "",
                 partial(_above_bound, seen),
             )
-            for told, seen, reference in (
+            for text, seen, reference in (
                 ("full states", "full", "up to 100"),
                 ("positions", "positions", ""),
             )
@@ -139,22 +139,22 @@ PUBLISHED: dict[str, tuple[Comparison, ...]] = {
         *_both(
             "error without noise, positions", "positions", ("55.9", "15.2"), _error_without_noise
         ),
-        Comparison("error saved by inferring gamma", "33 %", "33 %", _saved),
+        PublishedNumber("error saved by inferring gamma", "33 %", "33 %", _saved),
     ),
     "driving": (
-        Comparison(
+        PublishedNumber(
             "left turn, infer-gamma: nearest to another car's middle",
             "",
             "above 6 m",
             partial(_left_turn, "infer-gamma", _least_distance),
         ),
-        Comparison(
+        PublishedNumber(
             "left turn, infer-gamma: goal reached",
             "",
             "50 of 50",
             partial(_left_turn, "infer-gamma", partial(_ends, REACHED)),
         ),
-        Comparison(
+        PublishedNumber(
             "left turn, infer-gamma: collisions",
             "",
             "0 of 50",
@@ -166,7 +166,7 @@ PUBLISHED: dict[str, tuple[Comparison, ...]] = {
 
 
 def compared(results: Results) -> list[tuple[str, str, str, str]]:
-    """What was measured, the reference's number, the paper's, and that of these results."""
+    """The quantity, the reference's number, the paper's, and that of these results."""
     return [
         (c.what, c.reference, c.paper, c.here(results.rows))
         for c in PUBLISHED.get(results.study, ())

@@ -22,7 +22,7 @@ DIGITS = 3
 
 @dataclass(frozen=True)
 class Replay:
-    """What a page needs to draw an episode: JSON-ready, metres and seconds."""
+    """Data of an episode for drawing on a page: JSON-ready, metres and seconds."""
 
     title: str
     ended: str
@@ -54,8 +54,10 @@ def replay(ego: str, seed: int, setting: RunSetting, title: str) -> Replay:
         "steps": [_step(s, ego, own, width, turning) for s in steps],
         "final": _places(last["state"], turning),
     }
-    told = f"{ending(last)} after {last['time']:.1f} s, smallest gap {last['min_distance']:.2f} m"
-    return Replay(f"{title}: {label_of(ego)}, seed {seed}", told, data)
+    summary = (
+        f"{ending(last)} after {last['time']:.1f} s, smallest gap {last['min_distance']:.2f} m"
+    )
+    return Replay(f"{title}: {label_of(ego)}, seed {seed}", summary, data)
 
 
 def _step(step: Step, ego: str, own: int, width: int, turning: list[bool]) -> dict[str, Any]:

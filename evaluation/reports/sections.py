@@ -38,7 +38,7 @@ from evaluation.rollout.setting import RunSetting
 from evaluation.rollout.surprises import SURPRISES
 from evaluation.studies.benchmark import Plan
 from evaluation.studies.closed_loop import summarise
-from evaluation.studies.driving import DrivingSetting
+from evaluation.studies.driving import DrivingConfiguration
 from evaluation.studies.safety import setting_under
 from evaluation.studies.value import BASELINE
 from evaluation.studies.value_summary import harmed
@@ -78,11 +78,11 @@ class _Plain:
     show: Callable[[Console, Sequence[Row]], None]
     name: str
     draw: Callable[[Sequence[Row], Path], Path]
-    told: str
+    caption: str
 
     def section(self, results: Results, notes: Console) -> Section:
         self.show(notes, results.rows)
-        figure = partial(self.draw, results.rows), self.told
+        figure = partial(self.draw, results.rows), self.caption
         return Section(self.title, results, {self.name: figure})
 
 
@@ -154,7 +154,7 @@ def _intersection(results: Results, notes: Console) -> Section:
     return found
 
 
-def _add_picture(found: Section, name: str, told: str) -> None:
+def _add_picture(found: Section, name: str, caption: str) -> None:
     """A picture that is stored with the rows, which do not hold what it shows."""
     kept = found.results.folder.parent / name
 
@@ -162,7 +162,7 @@ def _add_picture(found: Section, name: str, told: str) -> None:
         return Path(copyfile(kept.with_suffix(path.suffix), path))
 
     if all(kept.with_suffix(f".{kind}").exists() for kind in ("png", "pdf")):
-        found.figures[name] = copied, told
+        found.figures[name] = copied, caption
 
 
 def _closed_loop(results: Results, notes: Console) -> Section:
@@ -174,13 +174,13 @@ def _closed_loop(results: Results, notes: Console) -> Section:
         lambda path: closed_loop_summary(rows, egos, path),
         "Distances, times and costs of every ego",
     )
-    told = results.configuration
+    configuration = results.configuration
     setting = RunSetting(
-        players=told["players"],
-        observation=told["observation"],
-        noise_std=told["noise_std"],
-        behaviour=told["behaviour"],
-        safety_filter=told["safety_filter"],
+        players=configuration["players"],
+        observation=configuration["observation"],
+        noise_std=configuration["noise_std"],
+        behaviour=configuration["behaviour"],
+        safety_filter=configuration["safety_filter"],
     )
     chosen = _chosen(rows, lambda r: bool(r["collision"]))
     found.episodes += [Watched(r["ego"], r["seed"], setting, "Crosswalk", w) for r, w in chosen]
@@ -192,7 +192,7 @@ def _driving(results: Results, notes: Console) -> Section:
     egos, scenes, others = (_names(rows, column) for column in ("ego", "scene", "others"))
     print_driving(notes, rows, scenes, others, egos)
     found = Section("Driving: an ego on highway-env's roads", results)
-    told = results.configuration
+    configuration = results.configuration
     for scene in scenes:
         for other in others:
 
@@ -205,7 +205,7 @@ def _driving(results: Results, notes: Console) -> Section:
                 f"{where}: distances to others and to the goal over time",
             )
             mine = [r for r in rows if (r["scene"], r["others"]) == (scene, other)]
-            setting = DrivingSetting(**told).of(scene, other)
+            setting = DrivingConfiguration(**configuration).of(scene, other)
             title = where[0].upper() + where[1:]
             chosen = _chosen(mine, lambda r: r["ended"] == COLLISION, most=1)
             found.episodes += [Watched(r["ego"], r["seed"], setting, title, w) for r, w in chosen]

@@ -15,7 +15,7 @@ from evaluation.metrics.statistics import Interval, mean_interval
 from evaluation.reports.failures import errors_of, failed
 from evaluation.reports.naming import heading_of, label_of
 from evaluation.rollout.setting import MAX_STEPS
-from evaluation.studies.closed_loop import Summary, paired_difference
+from evaluation.studies.closed_loop import ClosedLoopSummary, paired_difference
 from evaluation.studies.estimation import LEAST_STD, METHODS, bound
 from evaluation.windows.encounters import Encounter, Judged
 from foresight_env.envs.rendering.style import INTERVAL_DEVIATIONS
@@ -31,7 +31,9 @@ def mean_and_half(interval: Interval | None, digits: int = 2) -> str:
     return f"{interval.mean:.{digits}f}" + (f" ±{half:.{digits}f}" if half > 0.0 else "")
 
 
-def print_closed_loop(console: Console, summaries: Sequence[Summary], rows: Sequence[Row]) -> None:
+def print_closed_loop(
+    console: Console, summaries: Sequence[ClosedLoopSummary], rows: Sequence[Row]
+) -> None:
     """One column per ego, then paired differences of infer-gamma against the others."""
     table = Table(title="Closed loop: an ego among short-sighted others (means ±95 %)")
     table.add_column("", no_wrap=True)
@@ -160,7 +162,7 @@ def print_encounters(
     console.print(table)
     console.print(
         "steps: predicted positions with a recorded one to compare with. open: the observations do "
-        "not tell this gamma. limit: it rests on an end of its range."
+        "not identify this gamma. limit: it rests on an end of its range."
     )
     if len(results) > 1:
         for k, name in enumerate(names):

@@ -1,4 +1,4 @@
-"""Where tables are printed."""
+"""Console that tables are printed on."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import os
 from rich.console import Console
 
 FILE_WIDTH = 200
-"""Columns of output that goes to a file or a pipe, which has no width of its own: room for the
+"""Columns of output that goes to a file or a pipe, which has no width: room for the
 widest table."""
 
 

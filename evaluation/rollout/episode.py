@@ -147,7 +147,7 @@ def warm_up(setting: RunSetting, ego: str) -> None:
 def observed_states(
     observations: Float[np.ndarray, "K _"], ego: int, players: int, width: int = 4
 ) -> Float[np.ndarray, "K players width"]:
-    """What the ego observed of every player, by index; `width`: observed entries of a state."""
+    """The ego's observation of every player, by index; `width`: observed entries of a state."""
     found = np.empty((len(observations), players, width))
     order = list(observation_order(ego, players))
     found[:, order] = observations[:, : players * width].reshape(-1, players, width)

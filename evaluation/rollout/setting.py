@@ -1,4 +1,4 @@
-"""What `foresight run` runs: an environment of any scenario, with the ego's agent controlled."""
+"""Setting of `foresight run`: an environment of any scenario, with the ego's agent controlled."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class RunSetting:
     safety_filter: bool = True
     """Whether the ego's actions pass the safety filter (`agents.egos.safety_filter`)."""
     surprise: str = "none"
-    """What the ego does not expect of others or its sensors (`rollout.surprises`)."""
+    """Unexpected behaviour of others, or of the sensors (`rollout.surprises`)."""
 
     def __post_init__(self) -> None:
         if self.behaviour == "idm" and self.scenario != "driving":
@@ -85,7 +85,7 @@ class RunSetting:
 
     @property
     def behaviour_of_others(self) -> str | BehaviourFactory:
-        """What drives the uncontrolled agents."""
+        """Behaviour of the uncontrolled agents."""
         surprising = SURPRISES[self.surprise].behaviour
         return self.behaviour if surprising == "receding" else surprising
 

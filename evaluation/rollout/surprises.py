@@ -35,7 +35,7 @@ LONG_SIGHT, SHORT_SIGHT = 0.95, 0.4
 IGNORING = 1
 """Player that ignores the ego; the ego is player 0."""
 FAR = 1e3
-"""Where an ignored agent is put, m."""
+"""Coordinates of an ignored agent, m."""
 PACE = 0.8
 """Preferred speed of social-force walkers, m/s: the speed limit per axis at the crosswalk."""
 ARRIVAL = 1.0
@@ -202,7 +202,7 @@ def observed(
     players: int,
     noise_std: float,
 ) -> Float[np.ndarray, "size"]:
-    """What the ego observes under a surprise; itself and its goal (the last two) as they are."""
+    """Return the observation under a surprise; the ego's state and goal (last two) are unchanged."""
     sensor = SURPRISES[surprise].sensor
     if sensor is None:
         return observation

@@ -31,11 +31,11 @@ models are trained on, have others."""
 
 @dataclass(frozen=True)
 class Plan:
-    """What is run."""
+    """Configuration of the benchmark."""
 
     places: tuple[str, ...]
     others: tuple[str, ...]
-    """What drives the other cars of driving; elsewhere it is always the game."""
+    """Behaviours of the other cars of driving; elsewhere it is always the game."""
     predictors: tuple[str, ...]
     egos: tuple[str, ...]
     episodes: int

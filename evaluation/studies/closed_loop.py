@@ -1,6 +1,6 @@
 """Egos in the loop: paired seeds, one row per episode.
 
-The ego is player 0 of a crosswalk with a known discount factor of its own; the others play the
+The ego is player 0 of a crosswalk and knows its discount factor; the others play the
 equilibrium of the true game at every step, with discount factors that the ego does not observe.
 """
 
@@ -48,7 +48,7 @@ class ClosedLoop:
 
 
 def run_trial(ego: str, settings: str, seed: int, **configuration: Any) -> Row:
-    """One episode's row; `settings` tells egos of the same name apart in the store."""
+    """One episode's row; `settings` distinguishes egos of the same name in the store."""
     setting = ClosedLoop(**configuration).run_setting
     warm_up(setting, ego)
     found = run_episode(setting, ego, seed)
@@ -93,7 +93,7 @@ def study(
     )
 
 
-class Summary(NamedTuple):
+class ClosedLoopSummary(NamedTuple):
     """One ego's line of the table."""
 
     ego: str
@@ -122,7 +122,7 @@ class Summary(NamedTuple):
     """Decisions with an older estimate, because the latest fit failed."""
 
 
-def summarise(rows: list[Row], ego: str, dt: float = 0.1) -> Summary:
+def summarise(rows: list[Row], ego: str, dt: float = 0.1) -> ClosedLoopSummary:
     """Aggregate one ego's episodes; raises `ValueError` when it has none."""
     mine = [r for r in rows if r["ego"] == ego]
     good = [r for r in mine if not r["error"]]
@@ -133,7 +133,7 @@ def summarise(rows: list[Row], ego: str, dt: float = 0.1) -> Summary:
     times = np.array([r["time"] if r["goal_reached"] else MAX_STEPS * dt for r in good])
     distance = np.array([r["min_distance"] for r in good])
     latency = np.concatenate([np.asarray(r["latencies"]) for r in good])
-    return Summary(
+    return ClosedLoopSummary(
         ego,
         len(mine),
         sum(r["collision"] for r in good),

@@ -27,7 +27,7 @@ KEY = ("scene", "others", "ego", "settings", "seed")
 
 
 @dataclass(frozen=True)
-class DrivingSetting:
+class DrivingConfiguration:
     """Configuration of the study."""
 
     cars: int = 4
@@ -51,8 +51,8 @@ class DrivingSetting:
 def run_trial(
     scene: str, others: str, ego: str, settings: str, seed: int, **configuration: object
 ) -> Row:
-    """One episode's row; `settings` tells egos of the same name apart in the store."""
-    configured = DrivingSetting(**configuration)  # type: ignore[arg-type]
+    """One episode's row; `settings` distinguishes egos of the same name in the store."""
+    configured = DrivingConfiguration(**configuration)  # type: ignore[arg-type]
     setting = configured.of(scene, others)
     warm_up(setting, ego)
     found = run_episode(setting, ego, seed)
@@ -82,7 +82,7 @@ def study(
     others: Sequence[str],
     egos: Sequence[str],
     seeds: range,
-    setting: DrivingSetting = DrivingSetting(),
+    setting: DrivingConfiguration = DrivingConfiguration(),
     *,
     workers: Workers = None,
 ) -> list[Row]:
@@ -116,7 +116,7 @@ def study(
     )
 
 
-class Summary(NamedTuple):
+class DrivingSummary(NamedTuple):
     """One ego among one kind of others in one scene."""
 
     ego: str
@@ -158,7 +158,7 @@ def time_to_goal(row: Row) -> float:
     return float(row["time"] if row["ended"] == REACHED else row["time_limit"])
 
 
-def summarise(rows: Sequence[Row], scene: str, others: str, ego: str) -> Summary | None:
+def summarise(rows: Sequence[Row], scene: str, others: str, ego: str) -> DrivingSummary | None:
     """Aggregate; None when no episode finished."""
     good = good_rows(rows, scene, others, ego)
     if not good:
@@ -167,7 +167,7 @@ def summarise(rows: Sequence[Row], scene: str, others: str, ego: str) -> Summary
     distance = np.array([r["min_distance"] for r in good])
     latency = np.concatenate([np.asarray(r["latencies"]) for r in good])
     wanted = (scene, others, ego)
-    return Summary(
+    return DrivingSummary(
         ego,
         len(good),
         {e: sum(r["ended"] == e for r in good) for e in (COLLISION, OFF_ROAD, REACHED, TIME_OUT)},

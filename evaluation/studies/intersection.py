@@ -241,7 +241,7 @@ def observed_steps(at: int | None, steps: int, least: int = LEAST_OBSERVED) -> i
     """Return after how many of a window's steps the predictions begin.
 
     Args:
-        at: Wanted number of observed steps; None: half of the window, at most `MOST_OBSERVED`.
+        at: Number of observed steps; None: half of the window, at most `MOST_OBSERVED`.
         steps: Steps of the window.
         least: Observed steps that predictions need.
 

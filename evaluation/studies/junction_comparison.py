@@ -107,7 +107,7 @@ class _Part(NamedTuple):
 
 
 def _predict_realistic(case: Case, known: int, method: str) -> _Part:
-    """What the predictor `junction-game` says; before, and of speeds and headings, its fit."""
+    """Prediction of `junction-game`; before, and of speeds and headings, its fit."""
     predictor = JunctionPredictor(infer=method == "infer-gamma")
     history, steps = history_of(case, known), len(case.states) - known
     found = predictor.fit(history, steps)

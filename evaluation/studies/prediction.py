@@ -86,7 +86,7 @@ def run_window(
     window = cut(_recording(place), agents.split(","), frame, _routes(place))
     history, steps = window.history, len(window.truth)
     warm_up(predictor, history.kinds, len(history.states), steps, history.dt)
-    if history.context.routes:  # which may lead to programs of their own
+    if history.context.routes:  # which may lead to different programs
         make_predictor(predictor).predict(history, steps)
     begin = time.perf_counter()
     forecast = make_predictor(predictor).predict(history, steps)
@@ -170,7 +170,7 @@ def study(
 
 
 def _digest(recording: Recording) -> str:
-    """Tells recordings of the same name apart."""
+    """Distinguishes recordings of the same name."""
     found = hashlib.sha256()
     for track in recording.tracks:
         found.update(track.agent_id.encode())

@@ -26,7 +26,7 @@ from evaluation.studies.value import BASELINE
 
 
 class Compared(NamedTuple):
-    """What the baseline loses to another ego in one setting; means over paired seeds."""
+    """Loss of the baseline to another ego in one setting; means over paired seeds."""
 
     seeds: int
     """That both finished."""
@@ -75,7 +75,7 @@ def episodes_of(rows: Sequence[Row], setting: str, ego: str) -> dict[int, Row]:
 def compare(
     rows: Sequence[Row], setting: str, other: str, baseline: str = BASELINE
 ) -> Compared | None:
-    """What the baseline loses to `other`; None where they have no seed in common."""
+    """Loss of the baseline to `other`; None where they have no seed in common."""
     one, two = episodes_of(rows, setting, baseline), episodes_of(rows, setting, other)
     both = sorted(one.keys() & two.keys())
     if not both:

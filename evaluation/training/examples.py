@@ -32,7 +32,7 @@ REACH = 20.0
 """Agents farther from the one that a scene is about are left out, m."""
 
 
-class Scenes(NamedTuple):
+class Examples(NamedTuple):
     """S scenes: what networks see, and what they should have said."""
 
     seen: Features
@@ -41,7 +41,7 @@ class Scenes(NamedTuple):
     known: Bool[np.ndarray, "S A ahead"]
 
 
-def stack(scenes: Sequence[Scenes]) -> Scenes:
+def stack(scenes: Sequence[Examples]) -> Examples:
     """One after the other."""
     seen = Features(
         *(np.concatenate(parts) for parts in zip(*(s.seen for s in scenes), strict=True))
@@ -49,10 +49,10 @@ def stack(scenes: Sequence[Scenes]) -> Scenes:
     target, known = (
         np.concatenate([getattr(s, name) for s in scenes]) for name in ("target", "known")
     )
-    return Scenes(seen, target, known)
+    return Examples(seen, target, known)
 
 
-def mirrored(scenes: Scenes) -> Scenes:
+def mirrored(scenes: Examples) -> Examples:
     """The same scenes seen in a mirror: what is true of the left is true of the right."""
     seen = scenes.seen
     across = np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0], np.float32)
@@ -60,13 +60,13 @@ def mirrored(scenes: Scenes) -> Scenes:
     return scenes._replace(seen=flipped, target=scenes.target * across[:2])
 
 
-def _one(history: History, truth: np.ndarray) -> Scenes:
+def _one(history: History, truth: np.ndarray) -> Examples:
     seen, frames = features_of(history)
     target, known = targets_of(frames, truth, history.dt)
-    return Scenes(Features(*(v[None] for v in seen)), target[None], known[None])
+    return Examples(Features(*(v[None] for v in seen)), target[None], known[None])
 
 
-def recorded_scenes(recording: Recording, part: str) -> Iterator[Scenes]:
+def recorded_scenes(recording: Recording, part: str) -> Iterator[Examples]:
     """Of a development recording, the moments of a part: "train" or "validation".
 
     `ValueError` for a recording that tests are made on.
@@ -81,7 +81,7 @@ def recorded_scenes(recording: Recording, part: str) -> Iterator[Scenes]:
         # On the recording's own rows.
         steps = round((1.0 - VALIDATION_PART) * (end - start) / grid.every)
         border = start + steps * grid.every
-        # Nothing that is predicted in training is seen in validation.
+        # No target of training is an input of validation.
         low, high = (start, border - grid.predicted * grid.every) if train else (border, end)
     elif train == (recording.name in VALIDATION):
         return
@@ -90,7 +90,7 @@ def recorded_scenes(recording: Recording, part: str) -> Iterator[Scenes]:
         yield from _moment(recording, grid, frame)
 
 
-def _moment(recording: Recording, grid: Grid, frame: int) -> Iterator[Scenes]:
+def _moment(recording: Recording, grid: Grid, frame: int) -> Iterator[Examples]:
     """Scenes of a moment: each agent observed for long enough is in one, with its neighbours."""
     around = frame - (LEAST_OBSERVED - 1) * grid.every, frame + LEAST_PREDICTED * grid.every
     names = [
@@ -122,7 +122,7 @@ def _moment(recording: Recording, grid: Grid, frame: int) -> Iterator[Scenes]:
         yield _one(history, window.states[grid.observed :][:, group, :2])
 
 
-def simulated_scenes(row: Row) -> Iterator[Scenes]:
+def simulated_scenes(row: Row) -> Iterator[Examples]:
     """Of an episode as `generation` makes it, with the ego's noise on all agents' states."""
     setting = setting_of(row["place"])
     scene = setting.make().scene

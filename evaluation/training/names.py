@@ -11,5 +11,5 @@ GAMMA = "gamma"
 CLONED, PPO = REACTIVE_EGOS
 """The egos that imitate the oracle's actions, and that learn by reinforcement."""
 SUPERVISED = (*FORECASTERS, GAMMA, CLONED)
-"""What is learned from data."""
+"""Names of the learned models."""
 TRAINABLE = (*SUPERVISED, PPO)

@@ -1,8 +1,9 @@
 """`foresight train ppo`: an ego that learns by trying, with Stable-Baselines3.
 
 It walks among oracles that follow their open-loop equilibria, many crosswalks at a time. An epoch
-is one rollout of everybody from new beginnings and the updates from it, with random numbers of its
-own: so an interrupted training resumes from its weights alone, with the same result.
+is one rollout of all environments from new initial states and the updates from it. Random numbers
+are seeded per epoch, so an interrupted training resumes from its weights alone, with the same
+result.
 
 This module needs the extra `rl`; nothing else does.
 """
@@ -98,7 +99,7 @@ class Crosswalks(VecEnv):
         """Observations, rewards, ends, and information."""
         seen, rewards, terminated, truncated, infos = self._env.step(self._actions)
         over = terminated | truncated
-        told: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        episode_infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         last = self._rows.copy()
         self._rows = np.concatenate([self._rows[:, 1:], seen[:, None]], axis=1)
         if over.any():
@@ -106,14 +107,14 @@ class Crosswalks(VecEnv):
             rewards -= PENALTY * (final["collision"] & over)
             for k in np.flatnonzero(over):
                 rows = np.concatenate([last[k, 1:], infos["final_obs"][k][None]])
-                told[k] = {
+                episode_infos[k] = {
                     "terminal_observation": self._windows(rows[None])[0],
                     "TimeLimit.truncated": bool(truncated[k]),
                 }
                 self._rows[k] = seen[k]
         self.earned += float(rewards.sum())
         self.begun += int(over.sum())
-        return self._windows(self._rows), np.float32(REWARD_SCALE * rewards), over, told
+        return self._windows(self._rows), np.float32(REWARD_SCALE * rewards), over, episode_infos
 
     def _windows(self, rows: np.ndarray) -> np.ndarray:
         return SCALE * crosswalk_window(rows).reshape(len(rows), -1)
@@ -143,7 +144,7 @@ class Crosswalks(VecEnv):
 def reinforce(
     folder: Path,
     schedule: Schedule,
-    told: Callable[[Epoch], None] = lambda epoch: None,
+    on_epoch: Callable[[Epoch], None] = lambda epoch: None,
     *,
     envs: int = ENVS,
     steps: int = STEPS,
@@ -193,7 +194,7 @@ def reinforce(
             best = _actor(model)
         curve = (*curve, Epoch(number, value, found))
         checkpoint.save({"model": _arrays(model), "best": best}, curve)
-        told(curve[-1])
+        on_epoch(curve[-1])
     network = policy_network({name: np.asarray(v) for name, v in best.items()})
     trained = Trained(network, curve, min(curve, key=lambda e: e.validation).number)
     taken = {"network": names.PPO, "steps": len(curve) * envs * steps}

@@ -24,7 +24,13 @@ from agents.learned.predictor import NETWORKS
 from agents.learned.training import Epoch, Schedule, Trained, train
 from evaluation.execution.store import Row
 from evaluation.rollout.episode import observed_states
-from evaluation.training.examples import Scenes, mirrored, recorded_scenes, simulated_scenes, stack
+from evaluation.training.examples import (
+    Examples,
+    mirrored,
+    recorded_scenes,
+    simulated_scenes,
+    stack,
+)
 from evaluation.training.generation import episodes_in
 from evaluation.training.names import CLONED, GAMMA, SUPERVISED
 from evaluation.training.trained import write_trained
@@ -35,14 +41,14 @@ GRID = np.exp(np.linspace(np.log(0.25), np.log(4.0), 81))
 """Factors of deviations that calibration tries."""
 
 
-def scene_loss(network: Any, example: Scenes) -> tuple[Any, Any]:
+def scene_loss(network: Any, example: Examples) -> tuple[Any, Any]:
     """Of one scene, and how many agents' steps it counts for."""
     target: Any = example.target
     known: Any = example.known
     return negative_log_likelihood(network(example.seen), target, known)
 
 
-def forecast_data(episodes: Sequence[Path], data: Path | None, part: str) -> Scenes:
+def forecast_data(episodes: Sequence[Path], data: Path | None, part: str) -> Examples:
     """Scenes of a part, "train" or "validation": of all folders of episodes, and of recordings."""
     simulated = [
         scene
@@ -92,7 +98,7 @@ def _observations(row: Row) -> Float[np.ndarray, "steps size"]:
     return np.array(row["observations"]).reshape(row["steps"], -1)
 
 
-def calibration(network: Any, data: Scenes) -> float:
+def calibration(network: Any, data: Examples) -> float:
     """By what deviations are to be multiplied to make the data most likely."""
 
     @jax.jit
@@ -114,7 +120,7 @@ def learn(
     data: Path | None,
     folder: Path,
     schedule: Schedule,
-    told: Callable[[Epoch], None] = lambda epoch: None,
+    on_epoch: Callable[[Epoch], None] = lambda epoch: None,
 ) -> Trained:
     """Train, and write `NAME.safetensors`, `NAME.json`, `curve.csv` and `curve.png` in `folder`."""
     if name not in SUPERVISED:
@@ -136,7 +142,7 @@ def learn(
         examples = stack([examples, mirrored(examples)])
         make, loss = NETWORKS[name], scene_loss
     found = train(
-        lambda key: make(key=key), loss, examples, validation, folder, schedule, told=told
+        lambda key: make(key=key), loss, examples, validation, folder, schedule, on_epoch=on_epoch
     )
     factor = calibration(found.network, validation) if name in NETWORKS else 1.0
     about = {

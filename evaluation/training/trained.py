@@ -1,4 +1,4 @@
-"""What a training leaves: weights, what they are of, and its learning curve."""
+"""Results of a training: weights, their description and the learning curve."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ def write_trained(
     `about` joins what `NAME.json` says of the training itself. `seconds`: of this run; a training
     that was interrupted took longer.
     """
-    told = {
+    description = {
         **about,
         "epochs": len(trained.curve),
         "best_epoch": trained.best,
         "best_loss": trained.curve[trained.best].validation,
     }
     write_atomically(folder / f"{name}.safetensors", packed(trained.network))
-    write_atomically(folder / f"{name}.json", (json.dumps(told, indent=2) + "\n").encode())
+    write_atomically(folder / f"{name}.json", (json.dumps(description, indent=2) + "\n").encode())
     _curve(trained.curve, folder)
     last = {"seconds": round(seconds, 1)}
     write_atomically(folder / "last_run.json", (json.dumps(last) + "\n").encode())

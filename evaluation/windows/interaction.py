@@ -10,7 +10,7 @@ The rule. A window is a moment of a recording and a group of agents:
 - both are seen in the last `LEAST_OBSERVED` steps and in the next `LEAST_PREDICTED`: clips that are
   shorter than a whole window count for as long as they last, what is missing is not compared;
 - agents that interact with each other, directly or through others, form a group. One of more than
-  `MOST_AGENTS` is taken apart: pairs join in the order of how close they come, as long as the group
+  `MOST_AGENTS` is divided: pairs join in the order of how close they come, as long as the group
   does not grow larger.
 
 Groups are ordered by kind, then by id.
@@ -30,7 +30,7 @@ from agents.interfaces.predictor import Context, History
 from foresight_env.datasets import Interaction, Recording, RouteMemory, closest_crossings
 
 STEP_SECONDS = 0.4
-"""Wanted time between steps; UCY has exactly this, DUT is taken every tenth frame."""
+"""Target time between steps; UCY has exactly this, DUT is taken every tenth frame."""
 OBSERVED_SECONDS = 3.0
 PREDICTED_SECONDS = 4.0
 NEAR = 5.0
@@ -76,7 +76,7 @@ class PredictionWindow:
 
     @property
     def present(self) -> Bool[np.ndarray, "P N"]:
-        """Where there is something to compare with."""
+        """Steps with a ground truth."""
         return ~np.isnan(self.truth[..., 0])
 
     @property

@@ -37,7 +37,7 @@ ON_LANE = 1.0
 
 @dataclass(frozen=True)
 class Choice:
-    """What a user asks for; hashable, so that processes can keep what they loaded."""
+    """A user's choice of a window; hashable, so that processes can keep what they loaded."""
 
     data: str
     tracks: tuple[str, ...]
@@ -65,7 +65,7 @@ class Case(NamedTuple):
 
     @property
     def walks(self) -> Bool[np.ndarray, "N"]:
-        """Who moves freely in the plane: pedestrians and bicycles."""
+        """Agents that move freely in the plane: pedestrians and bicycles."""
         return np.array([not is_vehicle(kind) for kind in self.kinds])
 
 

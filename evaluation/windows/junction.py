@@ -10,7 +10,7 @@ from foresight_env.datasets import Window
 from foresight_env.games.kinds import is_vehicle
 from foresight_env.games.motion import driving_state
 from foresight_env.games.roads import Lane
-from foresight_env.scenarios.intersection import Region, Setting
+from foresight_env.scenarios.intersection import IntersectionInstance, Region
 
 STANDING = 2.0
 """A car that comes no farther than this within a window has no lane to be fitted, m."""
@@ -18,13 +18,13 @@ STANDING = 2.0
 
 def recorded_setting(
     window: Window, region: Region = Region(), lanes: Sequence[Lane | None] | None = None
-) -> Setting:
+) -> IntersectionInstance:
     """The setting of a recorded window: states where it begins, goals where each is seen last.
 
     Args:
         window: every agent is observed in its first frame.
         region: what is forbidden there.
-        lanes: per agent; None fits each car's lane to its own track in the window, which tells a
+        lanes: per agent; None fits each car's lane to its own track in the window, which gives a
             predictor where the car will go: pass lanes fitted to earlier traffic for predictions.
 
     Raises:
@@ -56,7 +56,7 @@ def recorded_setting(
         states[i] = driving_state(states[i], heading)
     if lanes is None:
         lanes = [_own_lane(window, i) if i in cars else None for i in range(len(window.kinds))]
-    return Setting(window.kinds, tuple(lanes), region, states, goals)
+    return IntersectionInstance(window.kinds, tuple(lanes), region, states, goals)
 
 
 def _own_lane(window: Window, agent: int) -> Lane | None:

@@ -1,6 +1,6 @@
 """Properties of recorded windows, whatever the predictor: a table next to the results.
 
-A failed trial has no columns of its own, and a report is to be made without the recordings.
+A failed trial has no columns, and a report is to be made without the recordings.
 """
 
 from __future__ import annotations

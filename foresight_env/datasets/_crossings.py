@@ -1,4 +1,4 @@
-"""Where two paths cross or come close: polylines, with the times at which each is passed."""
+"""Crossings and near approaches of two paths: polylines, with the times at which each is passed."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -74,7 +74,7 @@ class Path:
 
 
 def path_of(track: Track, rate: float, frame_step: int) -> Path:
-    """Return the path of a track; rows that are more than `frame_step` apart are not joined."""
+    """Return the path of a track; rows with more than `frame_step` between them are not joined."""
     joined = np.flatnonzero(np.diff(track.frames) <= frame_step)
     return Path(
         start=track.position[joined],

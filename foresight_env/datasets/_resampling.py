@@ -37,7 +37,7 @@ def resample_rows(
     spacing = times[left + 1] - times[left]
     fraction = (instants - times[left]) / spacing
     # A grid time that coincides with a row needs no interpolation: snap to it, so that it is kept
-    # beside a gap and carries exactly the recorded values.
+    # next to a gap and carries exactly the recorded values.
     close = _TOLERANCE * min(dt, float(spacing.min(initial=np.inf)))
     fraction = np.where(np.abs(instants - times[left]) <= close, 0.0, fraction)
     fraction = np.where(np.abs(instants - times[left + 1]) <= close, 1.0, fraction)

@@ -16,7 +16,7 @@ import numpy as np
 from foresight_env.datasets.errors import RecordingError
 from foresight_env.extras import require as require_extra
 
-Kind = Literal["whole", "number", "text"]
+ColumnType = Literal["whole", "number", "text"]
 
 _ARROW_TYPES = {"whole": "int64", "number": "float64", "text": "string"}
 _PATTERNS = {
@@ -59,12 +59,12 @@ def check_text_file(path: Path) -> str:
     return head.splitlines()[0].decode("utf-8-sig", errors="replace").strip()
 
 
-def read_csv(path: Path, columns: Mapping[str, Kind]) -> dict[str, np.ndarray]:
+def read_csv(path: Path, columns: Mapping[str, ColumnType]) -> dict[str, np.ndarray]:
     """Read the named columns of a comma-separated file with a header.
 
     Args:
         path: the file. Its columns may be in any order, and there may be others.
-        columns: name -> kind of each wanted column.
+        columns: name -> type of each column to read.
 
     Returns:
         name -> array with a row per line; finite numbers, int64 or float64, or str objects.
@@ -190,7 +190,7 @@ def sorted_groups(
 def _split(
     sorted_ids: np.ndarray, order: np.ndarray, same_id: np.ndarray
 ) -> Iterator[tuple[int, np.ndarray]]:
-    # A generator of its own, so that `sorted_groups` checks when called, not when first iterated.
+    # A separate generator, so that `sorted_groups` checks when called, not when first iterated.
     starts = np.concatenate([[0], np.flatnonzero(~same_id) + 1])
     for start, rows in zip(starts, np.split(order, starts[1:]), strict=True):
         yield int(sorted_ids[start]), rows
@@ -220,7 +220,7 @@ def _count_lines(path: Path) -> int:
 
 
 def _report_bad_csv_line(
-    path: Path, header: Sequence[str], columns: Mapping[str, Kind], cause: str
+    path: Path, header: Sequence[str], columns: Mapping[str, ColumnType], cause: str
 ) -> NoReturn:
     kinds = [columns.get(name, "text") for name in header]
     for number, line in _lines(path, header=True):
@@ -235,7 +235,11 @@ def _report_bad_number_line(path: Path, names: Sequence[str], cause: str) -> NoR
 
 
 def _check_fields(
-    path: Path, number: int, fields: Sequence[str], names: Sequence[str], kinds: Sequence[Kind]
+    path: Path,
+    number: int,
+    fields: Sequence[str],
+    names: Sequence[str],
+    kinds: Sequence[ColumnType],
 ) -> None:
     if len(fields) != len(names):
         raise RecordingError(

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from foresight_env.datasets._table import (
-    Kind,
+    ColumnType,
     csv_content,
     read_csv,
     require,
@@ -30,7 +30,7 @@ DUT_RATE = 23.98
 
 _SUFFIXES = {"ped": "_ped_filtered.csv", "veh": "_veh_filtered.csv"}
 _KINDS = {"ped": "pedestrian", "veh": "car"}
-_COLUMNS: dict[str, dict[str, Kind]] = {
+_COLUMNS: dict[str, dict[str, ColumnType]] = {
     "ped": {
         "id": "whole",
         "frame": "whole",

@@ -18,7 +18,7 @@ import numpy as np
 
 from foresight_env.datasets._ind_columns import recording_row, track_meta, track_rows
 from foresight_env.datasets._table import (
-    Kind,
+    ColumnType,
     csv_content,
     line_of_row,
     read_csv,
@@ -32,7 +32,7 @@ from foresight_env.files import write_files
 
 __all__ = ["find_ind_recordings", "read_ind", "write_ind"]
 
-_TRACK_COLUMNS: dict[str, Kind] = {
+_TRACK_COLUMNS: dict[str, ColumnType] = {
     "recordingId": "whole",
     "trackId": "whole",
     "frame": "whole",
@@ -42,7 +42,7 @@ _TRACK_COLUMNS: dict[str, Kind] = {
     "xVelocity": "number",
     "yVelocity": "number",
 }
-_META_COLUMNS: dict[str, Kind] = {
+_META_COLUMNS: dict[str, ColumnType] = {
     "recordingId": "whole",
     "trackId": "whole",
     "initialFrame": "whole",
@@ -52,7 +52,7 @@ _META_COLUMNS: dict[str, Kind] = {
     "length": "number",
     "class": "text",
 }
-_RECORDING_COLUMNS: dict[str, Kind] = {"recordingId": "whole", "frameRate": "number"}
+_RECORDING_COLUMNS: dict[str, ColumnType] = {"recordingId": "whole", "frameRate": "number"}
 _PARTS = ("tracks", "tracksMeta", "recordingMeta")
 
 

@@ -93,7 +93,7 @@ class Recording:
         """Return a recording with fewer agents or frames; nothing is interpolated or renumbered.
 
         Args:
-            agents: ids to keep, in the order wanted; None keeps all.
+            agents: ids to keep, in this order; None keeps all.
             frames: first and last frame number, both kept; None keeps all.
             every: keep frame numbers at this distance, counted from the first frame number (of
                 `frames`, else of the recording). It counts frame numbers, not rows.
@@ -158,7 +158,7 @@ class Recording:
         not present there, with NaN states: nothing is interpolated.
 
         Args:
-            agents: ids, at least one, in the order wanted.
+            agents: ids, at least one; the result has their order.
             first_frame: frame number of the first row of the window.
             steps: number K >= 1 of frames.
             every: distance in frame numbers; None means `frame_step`, i.e. every recorded row.

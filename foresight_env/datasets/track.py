@@ -24,14 +24,14 @@ def _read_only(values: Any, dtype: type) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Track:
-    """One agent's recorded trajectory: one row per frame in which the agent was seen.
+    """One agent's recorded trajectory: one row per frame in which the agent was observed.
 
     Attributes:
         agent_id: unique within its recording, e.g. ``'201'`` (inD), ``'ped:6'`` (DUT).
         kind: ``'pedestrian'``, ``'car'``, ``'bicycle'``, ``'truck_bus'``, or another class name of
             the data set.
         frames: (F,) strictly increasing frame numbers, F >= 1; a number that is skipped is a frame
-            in which the agent was not seen.
+            in which the agent was not observed.
         position: (F, 2) m, finite.
         velocity: (F, 2) m/s, finite, in the same axes as the position.
         heading: (F,) rad, anticlockwise from the x axis; NaN where the data set states none.
@@ -110,8 +110,8 @@ class Window:
         agents, kinds: A names, in the order that was asked for.
         frames: (K,) frame numbers.
         times: (K,) s, starting at zero.
-        states: (K, A, 4) ``[px, py, vx, vy]``, NaN where the agent was not seen.
-        headings: (K, A) rad, NaN where not seen or not stated.
+        states: (K, A, 4) ``[px, py, vx, vy]``, NaN where the agent was not observed.
+        headings: (K, A) rad, NaN where not observed or not stated.
         present: (K, A) True where the recording has a row for this agent and frame.
         extents: (A, 2) ``[length, width]`` in m, NaN where not stated.
     """
@@ -127,7 +127,7 @@ class Window:
 
     @property
     def complete(self) -> bool:
-        """Whether every agent was seen in every frame."""
+        """Whether every agent was observed in every frame."""
         return bool(self.present.all())
 
     def unwrapped_headings(self) -> Float[np.ndarray, "K A"]:

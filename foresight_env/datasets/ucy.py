@@ -39,7 +39,7 @@ def read_ucy(path: str | os.PathLike[str], *, rate: float = UCY_RATE) -> Recordi
 
     Raises:
         RecordingError: the file is missing, faulty or cut off inside a line, or has a row twice.
-            A file that ends early at the end of a line cannot be told from a whole one.
+            A file that ends early at the end of a line cannot be distinguished from a whole one.
         ValueError: `rate` is not positive and finite.
     """
     path = Path(path)

@@ -12,7 +12,7 @@ from foresight_env.names import SCENARIOS
 # Each scenario has a module `<name>.env` with a class `<Name>Env`, and a module `<name>_v0`.
 
 VECTOR = {"crosswalk": "foresight_env.envs.crosswalk.vector:CrosswalkVectorEnv"}
-"""What `gymnasium.make_vec(..., vectorization_mode="vector_entry_point")` makes."""
+"""Vector environment of `gymnasium.make_vec(..., vectorization_mode="vector_entry_point")`."""
 
 
 def register() -> None:

@@ -1,7 +1,7 @@
 """The forward problem: from a game and its parameters to an equilibrium.
 
 The generalised open-loop Nash equilibrium (paper, eq. 4) is found as a solution of the players'
-joint first-order conditions; `verify` tells whether it is a local equilibrium.
+joint first-order conditions; `verify` checks whether it is a local equilibrium.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from foresight_env.equilibrium.checks.validation import BOUND_SLACK, check_kinds
 from foresight_env.equilibrium.conditions.kkt import Iterate, Parameters
 from foresight_env.equilibrium.conditions.layout import Layout, layout_of
 from foresight_env.equilibrium.conditions.pairs import pairs_of
-from foresight_env.equilibrium.conditions.residual import VIOLATED, largest_multiplier
+from foresight_env.equilibrium.conditions.residual import largest_multiplier
 from foresight_env.equilibrium.newton.implicit import Equilibrium, equilibrium
 from foresight_env.equilibrium.newton.schedule import Limits, limits_of
 from foresight_env.equilibrium.newton.start import Start, begin, from_controls
@@ -70,7 +70,9 @@ class Solution(NamedTuple):
 
 
 WEAK_COMPLEMENTARITY = 1e-3
-"""Margin below which derivatives are smoothed across a change of the active set."""
+"""Margin (smaller of slack and multiplier, at the pair where it is least) below which derivatives
+are smoothed across a change of the active set: `benchmarks.derivatives` compares both sides of it
+with finite differences."""
 
 
 def complementarity_margin(layout: Layout, point: Iterate) -> Scalar:
@@ -79,7 +81,9 @@ def complementarity_margin(layout: Layout, point: Iterate) -> Scalar:
     return jnp.min(jnp.where(pairs_of(layout).exists, larger, jnp.inf), initial=jnp.inf)
 
 
-def _status(layout: Layout, raw: Equilibrium, parameters: Parameters) -> Int[Array, ""]:
+def _status(
+    layout: Layout, options: SolverOptions, raw: Equilibrium, parameters: Parameters
+) -> Int[Array, ""]:
     n = layout.n
     low, high = layout.bounds
     state = parameters.initial_state
@@ -88,8 +92,9 @@ def _status(layout: Layout, raw: Equilibrium, parameters: Parameters) -> Int[Arr
     least, most = np.array([p.discounting.limits for p in layout.game.players]).T
     outside |= jnp.any(parameters.gamma < least) | jnp.any(parameters.gamma > most)
     # Infeasibility comes first: it is what makes multipliers grow, in the end until they overflow.
+    large = largest_multiplier(layout, raw.point) > options.infeasible_multiplier
     failed = jnp.where(
-        (raw.violation > VIOLATED) & (largest_multiplier(layout, raw.point) > 1e3),
+        (raw.violation > options.violated) & large,
         Status.INFEASIBLE,
         jnp.where(jnp.isfinite(raw.error), Status.ITERATION_LIMIT, Status.DIVERGED),
     )
@@ -97,13 +102,15 @@ def _status(layout: Layout, raw: Equilibrium, parameters: Parameters) -> Int[Arr
     return jnp.where(outside | ~finite, Status.INVALID_INPUT, outcome)
 
 
-def to_solution(layout: Layout, raw: Equilibrium, parameters: Parameters) -> Solution:
+def to_solution(
+    layout: Layout, options: SolverOptions, raw: Equilibrium, parameters: Parameters
+) -> Solution:
     """Joint arrays to per-player ones, with status and margin."""
     states = jnp.concatenate([parameters.initial_state[None], raw.point.x])
     return Solution(
         tuple(states[:, s] for s in layout.state_slices),
         tuple(raw.point.u[:, s] for s in layout.control_slices),
-        _status(layout, raw, parameters),
+        _status(layout, options, raw, parameters),
         jnp.maximum(raw.error, raw.complementarity),
         raw.iterations,
         complementarity_margin(layout, raw.point),
@@ -111,7 +118,7 @@ def to_solution(layout: Layout, raw: Equilibrium, parameters: Parameters) -> Sol
     )
 
 
-class Kind(IntEnum):
+class StartKind(IntEnum):
     """Kind of start of a concrete call; one compiled program serves all of them."""
 
     COLD = 0
@@ -140,9 +147,9 @@ def _solve_packed(
         return from_controls(layout, options, parameters, point.u)
 
     first = jax.lax.switch(kind, (cold, controls, lambda: point))
-    start = Start(first, kind == Kind.SOLUTION, limits=limits)
+    start = Start(first, kind == StartKind.SOLUTION, limits=limits)
     raw = equilibrium(layout, options, parameters, start)
-    found = to_solution(layout, raw, parameters)
+    found = to_solution(layout, options, raw, parameters)
     states = jnp.concatenate(found.states, axis=1)
     numbers = [jnp.asarray(v, float) for v in (raw.began, found.status, found.iterations)]
     parts = (states, *found.point[1:], *numbers, found.residual, found.margin)
@@ -190,12 +197,12 @@ def _solve_concrete(
     initial_guess: Iterate | AnyArray | None,
     budget: Budget,
 ) -> Solution:
-    kind, point = Kind.COLD, blank_point(layout)
+    kind, point = StartKind.COLD, blank_point(layout)
     if isinstance(initial_guess, Iterate):
-        kind, point = Kind.SOLUTION, to_double(initial_guess)
+        kind, point = StartKind.SOLUTION, to_double(initial_guess)
     elif initial_guess is not None:
         controls: Any = np.asarray(initial_guess, dtype=float)
-        kind, point = Kind.CONTROLS, point._replace(u=controls)
+        kind, point = StartKind.CONTROLS, point._replace(u=controls)
     how = (np.asarray(int(kind)), limits_of(budget))
     packed = np.asarray(_solve_packed(layout, options, parameters, point, *how))
     if not packed[-NUMBERS]:
@@ -214,7 +221,8 @@ def _solve_traced(
     start = begin(layout, options, parameters, initial_guess)
     if budget != Budget.offline():
         start = start._replace(limits=limits_of(budget))
-    return to_solution(layout, equilibrium(layout, options, parameters, start), parameters)
+    raw = equilibrium(layout, options, parameters, start)
+    return to_solution(layout, options, raw, parameters)
 
 
 @no_type_check

@@ -80,12 +80,12 @@ class Conflict(PermutationInvariant):
         return seen(i) != seen(j)
 
 
-Place = tuple[Scalar, Scalar]
+Position = tuple[Scalar, Scalar]
 """m."""
 
 
 def _depth(
-    vehicle: Body, state: Float[Array, "_"], place: Place, other: Body, margin: float
+    vehicle: Body, state: Float[Array, "_"], place: Position, other: Body, margin: float
 ) -> Scalar:
     """`b (1 - rho)` of a place in a vehicle's ellipse, m."""
     x, y = place[0] - state[0], place[1] - state[1]
@@ -97,7 +97,7 @@ def _depth(
     return wide * (1.0 - _length(along / jnp.where(along > 0.0, ahead, long), across / wide))
 
 
-def _discs(body: Body, state: Float[Array, "_"]) -> tuple[Place, Place]:
+def _discs(body: Body, state: Float[Array, "_"]) -> tuple[Position, Position]:
     """Middles of two discs of `half_width`, at the ends of a vehicle."""
     reach = body.half_length - body.half_width
     ahead, aside = reach * jnp.cos(state[3]), reach * jnp.sin(state[3])

@@ -29,7 +29,7 @@ from foresight_env.games.types import (
 )
 from foresight_env.games.vectors import squared_length
 
-Limits = tuple[tuple[float, ...], ...]
+BoundRows = tuple[tuple[float, ...], ...]
 Limit = float | Sequence[float] | np.ndarray
 """One side of a box: a number for all entries, one per entry, or one row per stage."""
 
@@ -41,8 +41,8 @@ class Bounds:
     Build it with `Bounds.box`; infinite entries are free.
     """
 
-    lower: Limits
-    upper: Limits
+    lower: BoundRows
+    upper: BoundRows
 
     @staticmethod
     def box(lower: Limit, upper: Limit, size: int) -> Bounds:
@@ -118,7 +118,7 @@ class SharedInequality:
     A shared constraint leaves open who gives way. `multiplier` says which equilibrium is meant:
 
     - `"individual"`: the players' multipliers are equal in their own current values, so that each
-      feels the constraint at stage t as strongly beside its own stage cost at t;
+      feels the constraint at stage t as strongly relative to its own stage cost at t;
     - `"common"`: one multiplier in present values (the normalised equilibrium of Rosen, 1965). The
       larger a player's gamma is, the less the constraint weighs for it late in the game.
 

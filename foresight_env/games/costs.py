@@ -1,7 +1,7 @@
 """Stage costs `cost(i, t, x, u, theta)`, each a small hashable object (paper, section VI).
 
 A weight is a number, or the name of an entry of the player's `theta` when it is a parameter.
-`Composite` costs tell the solver how they curve: `loss` is convex, `residual` is what bends.
+`Composite` costs declare how they curve: `loss` is convex, `residual` is what bends.
 """
 
 from __future__ import annotations

@@ -18,7 +18,7 @@ from foresight_env.games.types import StageNumber
 
 @runtime_checkable
 class Dynamics(Protocol):
-    """What a game needs to know of one agent's motion."""
+    """Discrete-time motion of one agent."""
 
     @property
     def state_size(self) -> int: ...
@@ -60,7 +60,7 @@ class DoubleIntegrator:
 
 
 class Vehicle:
-    """What cars have in common: a state that begins with `[px, py, v, psi]` (m, m/s, rad).
+    """Dynamics of cars: a state that begins with `[px, py, v, psi]` (m, m/s, rad).
 
     Of most the state ends there, the first control is the acceleration along the heading (m/s^2),
     and the second steers.

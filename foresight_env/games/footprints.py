@@ -1,4 +1,4 @@
-"""What agents cover, boxes with rounded corners and discs, and the gaps between them."""
+"""Footprints of agents, boxes with rounded corners and discs, and the gaps between them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a state says of an agent's motion in the plane, whatever its dynamics."""
+"""Motion of an agent in the plane from its state, for all dynamics."""
 
 from __future__ import annotations
 

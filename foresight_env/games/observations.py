@@ -13,9 +13,9 @@ from foresight_env.games.types import States
 
 @dataclass(frozen=True)
 class ObservationModel:
-    """What a sensor sees: `function(states) -> (size,)`, states being one vector per player.
+    """Sensor: `function(states) -> (size,)`, states being one vector per player.
 
-    `owners[k]` is the player that entry k belongs to (an agent that is not seen leaves its entries
+    `owners[k]` is the player that entry k belongs to (an unobserved agent leaves its entries
     out), or None for an entry that concerns several.
     """
 

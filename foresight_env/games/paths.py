@@ -25,12 +25,12 @@ WINDOW = 16
 """Points around the nearest that count at all."""
 
 
-# Inlined: a call of its own is traced once, however many cars ask for their offsets.
+# Inlined: a separate call is traced once, however many cars ask for their offsets.
 @partial(jax.jit, inline=True)
 def path_offset(path: Float[Array, "M 4"], position: Float[Array, "2"]) -> Scalar:
     """Distance (m) to the left of the path, smooth in the position, to be differentiated twice.
 
-    Each point tells the offset from its osculating parabola, exact to second order in the distance
+    Each point gives the offset from its osculating parabola, exact to second order in the distance
     along it; the points near the position are averaged.
 
     What is handed to the caller is the second-order expansion at the position itself: the same

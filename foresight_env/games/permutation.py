@@ -16,7 +16,7 @@ class PermutationInvariant:
 
     It is a promise about the class that names this base. A class derived from that one which
     computes something else, and neither names this base nor overrides `distinguishes`, is taken to
-    tell players apart.
+    distinguish players.
     """
 
     def __init_subclass__(cls, **arguments: object) -> None:

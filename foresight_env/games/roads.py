@@ -1,4 +1,4 @@
-"""What roads forbid and prefer: corners, road sides and lane centres (paper, section VI-B).
+"""Constraints and costs of roads: corners, road sides and lane centres (paper, section VI-B).
 
 Geometry is part of the game, in metres; what an agent makes of it (weights) is in `theta`.
 """
@@ -64,7 +64,7 @@ class RoadSide:
     start: Point
     end: Point
     road: Literal["left", "right"]
-    """Where the road is, seen from `start` to `end`."""
+    """Side on which the road is, looking from `start` to `end`."""
 
     def __post_init__(self) -> None:
         if self.road not in ("left", "right"):
@@ -103,7 +103,7 @@ class RoadBoundary(PermutationInvariant):
 
     A sigmoid along the side lifts the distance by `lift` metres behind `start`, and by half of that
     at `start`; with `sharpness` 2 /m a hundredth of it is left 2.3 m down the road. Behind `start`
-    nobody is meant to be farther than `lift` beside the side's line.
+    no agent is to be farther than `lift` from the side's line.
     """
 
     sides: tuple[RoadSide, ...]
@@ -137,7 +137,7 @@ class Lane:
     """A lane's centre line: `across = polynomial(ahead)` in a frame at `origin`, turned by `angle`.
 
     `coefficients`: highest power first, as `numpy.polyfit` returns them; metres. Before and behind
-    `reach` (m ahead) the line goes on straight: a polynomial says nothing beyond its points.
+    `reach` (m ahead) the line continues straight: a polynomial is arbitrary beyond its points.
     """
 
     coefficients: tuple[float, ...]
@@ -176,7 +176,7 @@ class Lane:
                 f"points: run back by {-back:.2f} m against the way from the first to the last; "
                 "cut the lane into parts that do not"
             )
-        # No more powers than there are different places ahead to tell them apart.
+        # No more powers than different places ahead identify.
         spots = len(np.unique(np.round(turned[:, 0], 3)))
         powers = np.polyfit(turned[:, 0], turned[:, 1], min(degree, spots - 1))
         return Lane(

@@ -1,4 +1,4 @@
-"""What a player pays at one stage, elastic penalties included."""
+"""Cost of a player at one stage, elastic penalties included."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What vehicles pay for their controls, and the limits of how they drive."""
+"""Control costs and limits of vehicles."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Steering(PermutationInvariant):
 
 @dataclass(frozen=True)
 class Comfort(PermutationInvariant):
-    """What the driver of a `SmoothVehicle` pays for acceleration, jerk and steering.
+    """Cost of acceleration, jerk and steering of a `SmoothVehicle`.
 
     `w_a a^2 + w_j jerk^2 + w_k (kappa - curvature)^2 + w_r curvature_rate^2 + w_l (v^2 kappa)^2`.
     """

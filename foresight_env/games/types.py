@@ -13,7 +13,7 @@ Scalar = Float[Array, ""]
 """A real number as a JAX scalar."""
 
 AnyArray = jax.Array | np.ndarray
-"""What users meet: NumPy from concrete calls, JAX in calls that are themselves traced."""
+"""Arrays at the interface: NumPy from concrete calls, JAX in calls that are themselves traced."""
 
 StageNumber = Int[Array, ""] | int
 """Stage `t` in 1..T."""

@@ -13,7 +13,7 @@ from foresight_env.highway.routes import POINTS, SPACING, LaneIndex, Leg, path_a
 from foresight_env.highway.scenes import DrivingScene
 
 BESIDE = 2.5
-"""A car that is farther beside a lane's middle is not on it, m."""
+"""Distance from a lane's middle above which a car is not on it, m."""
 SLACK = 3.0
 """Beyond a lane's ends it is still on it for so long, m."""
 ROUTE = 150.0

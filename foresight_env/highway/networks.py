@@ -14,7 +14,7 @@ from highway_env.road.road import RoadNetwork
 CROSSING_OFFSET = 4.0
 """From an arm's axis to the middle of its lanes: a median keeps oncoming cars 8 m apart."""
 CROSSING_OUTER = 14.0
-"""Where arms end and the crossing begins."""
+"""End of the arms, where the crossing begins."""
 CROSSING_ARM = 120.0
 CROSSING_LIMIT = 15.0
 """m/s."""

@@ -152,7 +152,7 @@ _LEFT_TURN = DrivingScene(
     max_steps=50,
     center=(0.0, 0.0),
     half_width=42.0,
-    # So that whoever plays an equilibrium keeps the paper's 6 m between the middles of cars.
+    # So that a car that plays an equilibrium keeps the paper's 6 m between the middles of cars.
     collision_distance=8.5,
     collision_weight=10.0,
 )

@@ -26,6 +26,15 @@ from foresight_env.inverse.fit import Problem, predicted, solution_jacobian
 from foresight_env.inverse.parameter import Parameter
 from foresight_env.precision import to_numpy
 
+BLIND = 1e-12
+"""Information relative to the largest at or below which a direction counts as unobserved: rounding
+of an eigenvalue. A numerical guard, as the next two."""
+LEAK = 1e-6
+"""Part of the trajectory's derivatives in unobserved directions above which its bound is infinite:
+the square root of `BLIND`."""
+OPEN = 1e-9
+"""Squared component of a parameter in unobserved directions above which its bound is infinite."""
+
 
 class CramerRao(NamedTuple):
     """Bounds at the true parameters for noise of variance 1 on every observed entry."""
@@ -94,12 +103,12 @@ def cramer_rao(
         raise SolveError(Status.ITERATION_LIMIT, float(error))
     seen, states = seen[:, chosen], states[:, chosen]
     spectrum, basis = np.linalg.eigh(seen.T @ seen)
-    blind = spectrum <= 1e-12 * spectrum[-1]
+    blind = spectrum <= BLIND * spectrum[-1]
     inverse = np.where(blind, 0.0, 1.0 / np.where(blind, 1.0, spectrum))
     covariance = (basis * inverse) @ basis.T
-    leak = np.linalg.norm(states @ basis[:, blind]) > 1e-6 * np.linalg.norm(states)
+    leak = np.linalg.norm(states @ basis[:, blind]) > LEAK * np.linalg.norm(states)
     trajectory = np.inf if leak else float(np.trace(states @ covariance @ states.T))
-    open_ = np.sum(basis[:, blind] ** 2, axis=1) > 1e-9
+    open_ = np.sum(basis[:, blind] ** 2, axis=1) > OPEN
     covariance[open_] = 0.0
     covariance[:, open_] = 0.0
     covariance[open_, open_] = np.inf

@@ -38,6 +38,7 @@ from foresight_env.inverse.posterior import Posterior, Search, sampled
 from foresight_env.inverse.prior import Prior, prior_terms
 from foresight_env.inverse.profile import Profile, profiled
 from foresight_env.inverse.result import Estimate
+from foresight_env.inverse.settings import EstimatorSettings
 from foresight_env.inverse.tracking import track
 from foresight_env.inverse.tracking_term import (
     has_tracking_cost,
@@ -86,7 +87,7 @@ def _finish(problem: Problem, data: Data, base: Parameters, fit: Fit) -> tuple[A
         fit.newton_steps,
         fit.success,
     )
-    solution = to_solution(layout, raw, parameters)
+    solution = to_solution(layout, problem.options, raw, parameters)
     covariance, identifiable = laplace(problem, data, fit)
     first = jax.jacfwd(lambda v: coordinates.unpack(v, base).initial_state)(fit.values)
     rates = jnp.concatenate([first[None], jnp.moveaxis(fit.rates.x, 0, 2)])
@@ -150,13 +151,14 @@ def estimate(
     initial_guess_rates: Rates | None = None,
     budget: Budget = Budget.offline(),
     options: SolverOptions = SolverOptions(),
+    settings: EstimatorSettings = EstimatorSettings(),
 ) -> Estimate:
     """Estimate what `free` names from noisy, possibly partial observations.
 
     Args:
         game: the game that is played over the whole horizon T.
         observations: (K, size) of `h(x_1), ..., h(x_K)`, 2 <= K <= T + 1; NaN where missing (an
-            agent that is seen late or occluded). Stages after K are predicted.
+            agent that is observed late or occluded). Stages after K are predicted.
         model: the observation model `h`.
         initial_state: per-player `x_1`: known, or where to start when free.
         theta: per-player parameters: fixed, or where to start.
@@ -178,12 +180,13 @@ def estimate(
             begins where a step on them leads, before any game is solved.
         budget: limits of the forward solves' phases and Newton steps.
         options: forward-solver settings.
+        settings: settings of the search beyond the method's.
 
     Returns:
         An `Estimate`; check `status`.
 
     Raises:
-        NeverSeenError: an agent whose initial state is free was never seen.
+        NeverSeenError: an agent whose initial state is free was never observed.
         ValueError: an argument has the wrong shape or value; the message names it.
     """
     check_kinds(
@@ -195,6 +198,7 @@ def estimate(
         posterior=(posterior, Posterior, type(None)),
         budget=(budget, Budget),
         options=(options, SolverOptions),
+        settings=(settings, EstimatorSettings),
     )
     if profile is not None and posterior is not None:
         raise ValueError("posterior: is given with a profile; expected one of both")
@@ -212,7 +216,7 @@ def estimate(
         raise ValueError(f"initial_guess: is a {type(initial_guess).__name__}; expected a Solution")
     check_rates(layout, initial_guess_rates, warm is not None, int(chosen.sum()))
     with jax.enable_x64(True):
-        problem = Problem(layout, coordinates, model, options)
+        problem = Problem(layout, coordinates, model, options, settings)
         begin = np.asarray(coordinates.pack(parameters))
         mean, root = prior_terms(prior, coordinates, parameters, chosen)
         believed = np.any(root != 0.0, axis=0)
@@ -258,13 +262,13 @@ def estimate(
     at = np.flatnonzero(coordinates.is_gamma)
     if average is not None:
         spread, identifiable = average.covariance, average.identifiable
-    settings = profile if posterior is None else posterior
-    if intervals is None or settings is None:
+    asked = profile if posterior is None else posterior
+    if intervals is None or asked is None:
         intervals = laplace_intervals(fit.values[at], spread[at, at], limits[0][at], limits[1][at])
     else:
         # A narrow interval speaks for the data unless the prior alone would make it narrow.
         firm = np.sum(root[:, at] ** 2, axis=0) > OPEN_GAMMA_DEVIATION**-2
-        narrow = np.diff(intervals)[:, 0] < settings.level * (limits[1] - limits[0])[at]
+        narrow = np.diff(intervals)[:, 0] < asked.level * (limits[1] - limits[0])[at]
         identifiable = identifiable.copy()
         identifiable[at] = np.where(firm, identifiable[at], narrow)
     status = solution.status if fit.success else np.asarray(int(Status.ITERATION_LIMIT))

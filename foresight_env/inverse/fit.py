@@ -22,6 +22,7 @@ from foresight_env.equilibrium.settings import SolverOptions
 from foresight_env.games.observations import ObservationModel
 from foresight_env.games.types import AnyArray, Scalar
 from foresight_env.inverse.coordinates import Coordinates
+from foresight_env.inverse.settings import EstimatorSettings
 
 
 class Data(NamedTuple):
@@ -30,7 +31,7 @@ class Data(NamedTuple):
     values: Float[AnyArray, "K size"]
     """Observations of `x_1..x_K`; missing entries hold 0."""
     whiten: Float[AnyArray, "K size size"]
-    """`Sigma_t^{-1/2}` on the entries that were seen, zero rows for missing ones."""
+    """`Sigma_t^{-1/2}` on the entries that were observed, zero rows for missing ones."""
     prior_mean: Float[AnyArray, "p"]
     prior_root: Float[AnyArray, "q p"]
     """Square root of the prior's information: its cost is `||root (v - mean)||^2`."""
@@ -49,6 +50,7 @@ class Problem:
     coordinates: Coordinates
     model: ObservationModel
     options: SolverOptions
+    settings: EstimatorSettings = EstimatorSettings()
 
 
 class Fit(NamedTuple):
@@ -112,7 +114,7 @@ def unevaluated(
     problem: Problem, data: Data, base: Parameters, values: Float[Array, "p"], start: Start
 ) -> Fit:
     """A fit of infinite cost at `start`, from which loops begin."""
-    # The shapes are told here: to ask `evaluate_fit` for them would trace it a second time.
+    # The shapes are repeated here: `eval_shape` of `evaluate_fit` would trace it a second time.
     point = start.point
     residual = jnp.zeros_like(residuals(problem, data, values, base.initial_state, point.x))
     rates = jax.tree.map(lambda v: jnp.zeros((values.size, *v.shape), v.dtype), point)

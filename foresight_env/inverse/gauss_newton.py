@@ -35,41 +35,6 @@ from foresight_env.inverse.method_tree import register_method
 from foresight_env.inverse.tracking_term import TARGET, has_tracking_cost, weighted
 
 
-@dataclass(frozen=True)
-class SearchSettings:
-    """Constants of the search; `benchmarks.inverse` measures the estimator with them."""
-
-    stalls: int = 2
-    """Steps in a row without a change of the cost after which a search ends."""
-    smooth_tolerance: float = 3e-2
-    """Relative change of the cost that counts as none while the game is smoothed."""
-    damping: float = 0.3
-    """Damping of the first step. With less, first steps go so far that the games there take many
-    Newton steps, only to be refused."""
-    phase_damping: float = 1e-2
-    """Least damping of the first step after a change of `GaussNewton.smoothing`: the game is less
-    smooth than the one before."""
-    pull: float = 1e-2
-    """Weight, relative to the data's information at the start, of a pull of the parameters towards
-    their first values while the game is smoothed. A smoothed game never quite reaches a bound that
-    the observed agents rest on; without the pull parameters run off."""
-    too_far: float = 30.0
-    """Cost of a step, in multiples of the cost before it, above which damping rises much more."""
-    falls: float = 0.2
-    """Factor of the damping after a step that lowered the cost."""
-    rises: float = 6.0
-    """Factor of the damping after one that did not."""
-    rises_much: float = 36.0
-    """Factor of the damping after one that went too far: games far away take many Newton steps, so
-    a second one nearly as far is not tried."""
-    least_damping: float = 1e-9
-    tracking_solves: int = 3
-    """Forward solves per weight of the tracking term that do not count as iterations."""
-
-
-SETTINGS = SearchSettings()
-
-
 @register_method
 @dataclass(frozen=True)
 class GaussNewton:
@@ -117,7 +82,7 @@ class GaussNewton:
         start: Start,
     ) -> tuple[Fit, Int[Array, ""]]:
         """Improve `values`; returns the best fit and the number of forward solves."""
-        low, high = data.low, data.high
+        low, high, settings = data.low, data.high, problem.settings.search
         tracking = self.tracking_weights if has_tracking_cost(problem.layout) else ()
         smoothest = self.smoothing[:1] or (problem.options.barrier,)
         barriers = jnp.asarray(
@@ -130,7 +95,7 @@ class GaussNewton:
             target = jnp.concatenate([own[TARGET] for own in base.theta], axis=1)
             followed = predicted(problem, base.initial_state, target, data.values.shape[0])
         # Fits to the tracked trajectory are an initial guess, and no part of the budget.
-        most = self.max_iterations + SETTINGS.tracking_solves * len(tracking)
+        most = self.max_iterations + settings.tracking_solves * len(tracking)
         longest = jnp.maximum(1, self.max_iterations // 4)
 
         def unfinished(state: _State) -> Bool[Array, ""]:
@@ -152,27 +117,27 @@ class GaussNewton:
             trial = evaluate_fit(problem, seen, game, state.trial, begin)
             # What another game's fit cost is no measure of this one.
             final = state.phase == last
-            stiffness = SETTINGS.pull * jnp.sum(trial.jacobian**2, axis=0)
+            stiffness = settings.pull * jnp.sum(trial.jacobian**2, axis=0)
             stiffness = jnp.where(state.solves == 0, stiffness, state.stiffness)
             pull = jnp.where(final, 0.0, stiffness)
             cost = trial.cost + jnp.sum(pull * (trial.values - values) ** 2)
             too_costly = final & (state.solves == 0) & (cost > self.initial_cost_limit)
             useless = ~trial.success | too_costly
             better = state.renewed | (trial.success & (cost < state.cost))
-            tolerance = jnp.where(final, self.cost_tolerance, SETTINGS.smooth_tolerance)
+            tolerance = jnp.where(final, self.cost_tolerance, settings.smooth_tolerance)
             small = trial.success & (jnp.abs(state.cost - cost) <= tolerance * state.cost)
             stalls = jnp.where(small & ~state.renewed, state.stalls + 1, 0)
             still = jnp.max(jnp.abs(state.trial - fit.values)) <= self.step_tolerance
-            over = still | (stalls >= jnp.where(final, SETTINGS.stalls, 1))
+            over = still | (stalls >= jnp.where(final, settings.stalls, 1))
             over = (over | (~final & (state.steps >= longest))) & ~state.renewed
-            too_far = ~trial.success | (cost > SETTINGS.too_far * state.cost)
-            rise = jnp.where(too_far, SETTINGS.rises_much, SETTINGS.rises)
-            fallen = jnp.maximum(state.damping * SETTINGS.falls, SETTINGS.least_damping)
+            too_far = ~trial.success | (cost > settings.too_far * state.cost)
+            rise = jnp.where(too_far, settings.rises_much, settings.rises)
+            fallen = jnp.maximum(state.damping * settings.falls, settings.least_damping)
             damping = jnp.where(better, fallen, state.damping * rise)
             damping = jnp.where(state.renewed, state.damping, damping)
             chosen = jax.tree.map(lambda new, old: jnp.where(better, new, old), trial, fit)
             following = over & ~final
-            damping = jnp.where(following, jnp.maximum(damping, SETTINGS.phase_damping), damping)
+            damping = jnp.where(following, jnp.maximum(damping, settings.phase_damping), damping)
             pull = jnp.where(following & (state.phase + 1 == last), 0.0, pull)
             step = damped_step(
                 chosen.values, chosen.residual, chosen.jacobian, damping, data, pull, values
@@ -203,7 +168,7 @@ class GaussNewton:
             nothing.cost,
             jnp.zeros_like(values),
             values,
-            jnp.asarray(SETTINGS.damping),
+            jnp.asarray(settings.damping),
             zero,
             zero,
             zero,
@@ -213,6 +178,14 @@ class GaussNewton:
         )
         end = jax.lax.while_loop(unfinished, body, begin)
         return end.fit, end.solves
+
+
+LEAST_SCALE = 1e-6
+"""Least information about a parameter, relative to the largest, that damping counts with:
+directions that the data say nothing about do not run away. `benchmarks.accuracy`."""
+LEAST_RIDGE = 1e-12
+"""Least ridge relative to the largest information: a numerical guard, near rounding, that keeps the
+normal matrix regular."""
 
 
 class _State(NamedTuple):
@@ -253,8 +226,8 @@ def damped_step(
     jacobian = jacobian * free
     normal = jacobian.T @ jacobian + jnp.diag(free * pull)
     scale = jnp.diag(normal)
-    # A floor keeps directions that the data say nothing about from running away.
-    ridge = damping * (scale + 1e-6 * jnp.max(scale)) + 1e-12 * jnp.max(scale) + 1e-300
+    largest = jnp.max(scale)
+    ridge = damping * (scale + LEAST_SCALE * largest) + LEAST_RIDGE * largest + 1e-300
     # Not LAPACK's: within a loop jaxlib 0.10 fails to compile its calls on machines with one core.
     step = -inverse(normal + jnp.diag(ridge + (1.0 - free))) @ (free * gradient)
     return free * step

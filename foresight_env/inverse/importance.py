@@ -14,15 +14,7 @@ from jaxtyping import Float
 from scipy.special import logsumexp
 from scipy.stats import chi2, multivariate_t, norm, qmc
 
-FREEDOM = 5.0
-"""Degrees of freedom of the Student distribution: tails that a density is unlikely to exceed."""
-LEAST_DEVIATION, MOST_DEVIATION = 1e-4, 0.5
-"""Of a proposal, in ranks; the most covers the cube."""
-WIDER = 1.3
-"""Factor of the weighted samples' deviations: a proposal that is too wide costs less than one that
-is too narrow."""
-CANDIDATES = 4096
-"""Draws by which the part of a proposal inside the cube is counted."""
+from foresight_env.inverse.settings import ProposalSettings
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,39 +25,45 @@ class Proposal:
     scale: Float[np.ndarray, "N N"]
     log_mass: float
     """Logarithm of the untruncated distribution's probability of the cube."""
+    settings: ProposalSettings = ProposalSettings()
 
     @staticmethod
-    def of(mean: Float[np.ndarray, "N"], covariance: Float[np.ndarray, "N N"]) -> Proposal:
+    def of(
+        mean: Float[np.ndarray, "N"],
+        covariance: Float[np.ndarray, "N N"],
+        settings: ProposalSettings = ProposalSettings(),
+    ) -> Proposal:
         """With this mean, and a covariance whose deviations are limited."""
         deviation = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-        limited = np.clip(deviation, LEAST_DEVIATION, MOST_DEVIATION)
-        correlation = 0.95 * covariance / np.outer(deviation, deviation)
+        limited = np.clip(deviation, settings.least_deviation, settings.most_deviation)
+        correlation = settings.correlation * covariance / np.outer(deviation, deviation)
         np.fill_diagonal(correlation, 1.0)
         scale = correlation * np.outer(limited, limited)
         spectrum, basis = np.linalg.eigh(scale)
-        scale = (basis * np.maximum(spectrum, 1e-3 * spectrum[-1])) @ basis.T
-        untruncated = Proposal(mean, scale, 0.0)
-        inside = np.mean(_in_cube(untruncated.untruncated_draws(CANDIDATES, 0)))
-        return Proposal(mean, scale, float(np.log(max(inside, 1.0 / CANDIDATES))))
+        scale = (basis * np.maximum(spectrum, settings.flattest * spectrum[-1])) @ basis.T
+        untruncated = Proposal(mean, scale, 0.0, settings)
+        most = settings.candidates
+        inside = np.mean(_in_cube(untruncated.untruncated_draws(most, 0)))
+        return Proposal(mean, scale, float(np.log(max(inside, 1.0 / most))), settings)
 
     def untruncated_draws(self, count: int, seed: int) -> Float[np.ndarray, "S N"]:
         """Low-discrepancy draws; the same for the same seed."""
-        size = self.mean.size
+        size, freedom = self.mean.size, self.settings.freedom
         points = qmc.Sobol(size + 1, seed=seed).random(1 << int(np.ceil(np.log2(count))))[:count]
         points = np.clip(points, 1e-6, 1.0 - 1e-6)
         normal = norm.ppf(points[:, :size])
-        radius = np.sqrt(FREEDOM / chi2.ppf(points[:, size], FREEDOM))
+        radius = np.sqrt(freedom / chi2.ppf(points[:, size], freedom))
         return self.mean + radius[:, None] * normal @ np.linalg.cholesky(self.scale).T
 
     def draws(self, count: int, seed: int) -> Float[np.ndarray, "S N"]:
         """The first `count` draws inside the cube."""
-        drawn = self.untruncated_draws(CANDIDATES, seed)
+        drawn = self.untruncated_draws(self.settings.candidates, seed)
         inside = drawn[_in_cube(drawn)]
         return inside[:count]
 
     def log_density(self, points: Float[np.ndarray, "S N"]) -> Float[np.ndarray, "S"]:
         """Of the truncated distribution."""
-        density = multivariate_t(self.mean, self.scale, FREEDOM)
+        density = multivariate_t(self.mean, self.scale, self.settings.freedom)
         return np.atleast_1d(density.logpdf(points)) - self.log_mass
 
 
@@ -85,7 +83,11 @@ def mixture_weights(
     return weights / weights.sum()
 
 
-def adapted(points: Float[np.ndarray, "S N"], weights: Float[np.ndarray, "S"]) -> Proposal:
+def adapted(
+    points: Float[np.ndarray, "S N"],
+    weights: Float[np.ndarray, "S"],
+    settings: ProposalSettings = ProposalSettings(),
+) -> Proposal:
     """The next proposal: the weighted points' mean and covariance, somewhat wider."""
     mean = weights @ points
     away = points - mean
@@ -94,7 +96,7 @@ def adapted(points: Float[np.ndarray, "S N"], weights: Float[np.ndarray, "S"]) -
     covariance = (weights[:, None] * away).T @ away
     trust = effective / (effective + 2.0 * mean.size)
     covariance = trust * covariance + (1.0 - trust) * np.diag(np.diag(covariance))
-    return Proposal.of(mean, covariance * WIDER**2 * (1.0 + 1.0 / effective))
+    return Proposal.of(mean, covariance * settings.wider**2 * (1.0 + 1.0 / effective), settings)
 
 
 def weighted_interval(

@@ -23,7 +23,7 @@ def guess_initial_state(
 
     Entries that are not observed come from the positions: velocities (double integrator) or speed
     and heading (vehicle) by the mean displacement over the first half of the window. Missing
-    observations are NaN; an agent never seen raises `NeverSeenError`, one seen late is moved
+    observations are NaN; an unobserved agent raises `NeverSeenError`, one observed late is moved
     back along its velocity, a vehicle whose heading is observed along its circle. Guesses lie
     inside the state bounds.
     """
@@ -34,7 +34,7 @@ def guess_initial_state(
         seen = np.flatnonzero(~np.isnan(mine).any(axis=1)) if mine.shape[1] >= 2 else np.array([])
         if seen.size == 0:
             raise NeverSeenError(
-                f"observations: player {i} was never seen; leave it out of the game"
+                f"observations: player {i} was never observed; leave it out of the game"
             )
         first = int(seen[0])
         state = np.zeros(player.dynamics.state_size)

@@ -12,10 +12,17 @@ from foresight_env.inverse.fit import Data, Fit, Problem
 
 OPEN_GAMMA_DEVIATION = 0.29
 """Data-only deviation above which a discount factor counts as open: that of a uniform guess on
-[0, 1] (1 / sqrt(12))."""
+[0, 1] (1 / sqrt(12)). A definition; `benchmarks.intervals` counts open ones."""
 
 INTERVAL_LEVEL = 0.9
-"""Of intervals, unless a profile has another."""
+"""Probability that an interval is to hold the truth with, unless a profile has another; the level
+of `benchmarks.intervals`."""
+LEAST_INFORMATION = 1e-6
+"""Added to the data's information, relative to the inverse square of the deviation at which a
+parameter counts as open: a numerical guard, by which unobserved parameters have a finite deviation,
+a thousand times that one."""
+ROUNDING = 1e-12
+"""Least information relative to the largest: a numerical guard near rounding."""
 
 
 def is_identifiable(coordinates: Coordinates, information: Array, values: Array) -> Array:
@@ -27,7 +34,7 @@ def is_identifiable(coordinates: Coordinates, information: Array, values: Array)
     """
     scale = jnp.maximum(jnp.abs(values), 1.0)
     limit = jnp.where(jnp.asarray(coordinates.is_gamma), OPEN_GAMMA_DEVIATION, scale)
-    ridge = 1e-6 / limit**2
+    ridge = LEAST_INFORMATION / limit**2
     deviation = jnp.sqrt(jnp.diag(jnp.linalg.inv(information + jnp.diag(ridge))))
     return deviation < limit
 
@@ -47,7 +54,7 @@ def laplace(problem: Problem, data: Data, fit: Fit) -> tuple[Float[Array, "p p"]
     seen = fit.residual.shape[0] - data.prior_root.shape[0]
     from_data = fit.jacobian[:seen].T @ fit.jacobian[:seen]
     information = fit.jacobian.T @ fit.jacobian
-    floor = 1e-12 * jnp.maximum(jnp.max(jnp.diag(information)), 1e-12)
+    floor = ROUNDING * jnp.maximum(jnp.max(jnp.diag(information)), ROUNDING)
     held = (fit.values <= data.low) | (fit.values >= data.high)
     free = jnp.where(held, 0.0, data.free)
     covariance = _inverse_of(information, free, floor)

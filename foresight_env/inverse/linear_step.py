@@ -15,7 +15,7 @@ from foresight_env.compilation import compiled
 from foresight_env.equilibrium.conditions.kkt import Iterate, Parameters
 from foresight_env.games.types import AnyArray
 from foresight_env.inverse.fit import Data, Problem, residual_jacobian, residuals
-from foresight_env.inverse.gauss_newton import SETTINGS, damped_step
+from foresight_env.inverse.gauss_newton import damped_step
 
 
 class Rates(NamedTuple):
@@ -55,7 +55,7 @@ def linear_step(
         values,
         residual,
         jacobian,
-        jnp.asarray(SETTINGS.damping),
+        jnp.asarray(problem.settings.search.damping),
         data,
         jnp.zeros_like(values),
         values,

@@ -28,42 +28,24 @@ from foresight_env.inverse.gauss_newton import GaussNewton
 from foresight_env.inverse.initial import NeverSeenError, guess_initial_state
 from foresight_env.inverse.prior import Prior
 from foresight_env.inverse.result import Estimate
+from foresight_env.inverse.settings import UpdateSettings
 from foresight_env.inverse.update_phases import TRANSITIONS, UpdateEvent, UpdatePhase
 from foresight_env.inverse.window_fit import WindowFit, moved_along, rates_of
 
-
-@dataclass(frozen=True)
-class DoubtSettings:
-    """Thresholds of the search for another equilibrium; `benchmarks.online` measures with them."""
-
-    plausible: float = 1.5
-    """Reduced chi-squared up to which none is: of 30 degrees of freedom, noise alone leaves more
-    once in twenty times."""
-    worse: float = 1.3
-    """Rise of a larger one, as a ratio to the update before, after which one is; without a rise it
-    is looked for once per window."""
-    abandoned: float = 4.0
-    """Reduced chi-squared of the first game of a fit from the last solution, as a ratio to the
-    update before (or to `plausible`, if that is larger), above which the fit ends: the shifted
-    solution has led to another equilibrium."""
-
-
-DOUBT = DoubtSettings()
 ONE_GAME = GaussNewton(max_iterations=0, smoothing=(), tracking_weights=())
 """Method of updates that solve a single game."""
-INITIAL_UPDATES = 4
-"""Updates at the beginning that fit from the observations, with little data, where fits take more
-than one game."""
 
 
-def smoothed_options(variance: float) -> SolverOptions:
+def smoothed_options(variance: float, settings: UpdateSettings = UpdateSettings()) -> SolverOptions:
     """Return solver options whose game is smoothed by less than the noise of this variance.
 
     A complementarity product moves what rests on a bound by about as much, and spares a fit most of
     its refused steps.
     """
-    barrier = float(np.clip(variance, 1e-9, 1e-3))
-    return SolverOptions(tolerance=max(1e-8, 1e-3 * barrier), barrier=barrier)
+    barrier = float(np.clip(variance, settings.least_smoothing, settings.most_smoothing))
+    plain = SolverOptions()
+    tolerance = max(plain.tolerance, plain.path.smoothed_tolerance * barrier)
+    return SolverOptions(tolerance=tolerance, barrier=barrier)
 
 
 class MovingHorizonState(NamedTuple):
@@ -151,6 +133,8 @@ class MovingHorizonEstimator:
         max_iterations=8, cost_tolerance=1e-3, smoothing=(3e-2,), tracking_weights=()
     )
     """Of fits that take more than one game."""
+    settings: UpdateSettings = UpdateSettings()
+    """When updates look for another equilibrium, and how much their games are smoothed."""
 
     def __post_init__(self) -> None:
         check_kinds(
@@ -162,6 +146,7 @@ class MovingHorizonEstimator:
             budget=(self.budget, Budget),
             options=(self.options, SolverOptions, type(None)),
             method=(self.method, GaussNewton),
+            settings=(self.settings, UpdateSettings),
         )
 
     def init(self, theta: Sequence[Theta], gamma: Any) -> MovingHorizonState:
@@ -219,7 +204,7 @@ class MovingHorizonEstimator:
             self.game,
             self.model,
             self.free,
-            self.options or smoothed_options(self.covariance),
+            self.options or smoothed_options(self.covariance, self.settings),
             padded,
             variance[:, None, None] * np.eye(self.model.size),
             self._prior(state),
@@ -246,15 +231,15 @@ class MovingHorizonEstimator:
         """
         found, abandoned, spent = None, False, 0
         if last is not None and state.phase is UpdatePhase.TRACKING:
-            limit = max(DOUBT.plausible, state.reduced_chi_squared) * fits.freedom(last)
+            limit = max(self.settings.plausible, state.reduced_chi_squared) * fits.freedom(last)
             most, own = self.budget.gauss_newton_steps, int(self.method.max_iterations)
             tracking = replace(
                 self.method,
                 max_iterations=own if most is None else min(own, most),
-                initial_cost_limit=DOUBT.abandoned * limit,
+                initial_cost_limit=self.settings.abandoned * limit,
             )
             found = fits.run(tracking, self.budget, initial_guess=last.solution)
-            abandoned = DOUBT.abandoned * limit < fits.cost(found) < np.inf
+            abandoned = self.settings.abandoned * limit < fits.cost(found) < np.inf
             spent = 1
         doubted = found is None or self._doubts(state, fits.reduced_chi_squared(found))
         if doubted and spent < self.budget.fits:
@@ -268,9 +253,9 @@ class MovingHorizonEstimator:
         return self._take(state, fits, found, sliding)
 
     def _doubts(self, state: MovingHorizonState, reduced_chi_squared: float) -> bool:
-        rises = reduced_chi_squared > DOUBT.worse * state.reduced_chi_squared
+        rises = reduced_chi_squared > self.settings.worse * state.reduced_chi_squared
         due = rises or state.total % self.window == 0
-        return reduced_chi_squared > DOUBT.plausible and due
+        return reduced_chi_squared > self.settings.plausible and due
 
     def _update_one_game(
         self, state: MovingHorizonState, fits: WindowFit, last: Estimate | None, sliding: bool
@@ -312,7 +297,7 @@ class MovingHorizonEstimator:
         belief = carried_belief(
             found, len(state.observations), state.total, quality, self.process_noise
         )
-        early = not self.budget.single_game and state.total <= INITIAL_UPDATES
+        early = not self.budget.single_game and state.total <= self.settings.initial_updates
         usual = UpdateEvent.FITTED_EARLY if early else UpdateEvent.FITTED
         return state.after(event or usual)._replace(
             estimate=found,

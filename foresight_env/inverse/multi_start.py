@@ -53,7 +53,8 @@ class MultiStart:
 
 
 MOST_STARTS = 16
-"""Starts are padded to this many, so that one compiled program serves any number of them."""
+"""Starts are padded to this many, so that one compiled program serves any number of them. A
+limit, not tuned: the default is half of it."""
 
 
 @compiled(static_argnums=0)
@@ -71,15 +72,16 @@ def search(
     In lockstep (`vmap`) every start would wait for the slowest solve of the slowest fit, and none
     could be spared: the search ends once a fit leaves no more unexplained than the noise would
     (its cost, a chi-squared sum, is at most its expectation), or once the best one has been found
-    from two starts and is plausible (three deviations).
+    from two starts and is plausible (`SearchSettings`).
     """
     seen = jnp.sum(jnp.any(data.whiten != 0.0, axis=2))
     expected = jnp.maximum(seen - jnp.sum(data.free), 1.0)
-    plausible = expected + 3.0 * jnp.sqrt(2.0 * expected)
+    settings = problem.settings.search
+    plausible = expected + settings.plausible * jnp.sqrt(2.0 * expected)
 
     def more(state):
         number, best, _, costs = state
-        twice = jnp.sum(costs <= best.cost + 0.01) >= 2
+        twice = jnp.sum(costs <= best.cost + settings.same_cost) >= 2
         done = (best.cost <= expected) | (twice & (best.cost <= plausible))
         return (number < count) & ~done
 

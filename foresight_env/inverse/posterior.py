@@ -35,20 +35,8 @@ from foresight_env.inverse.importance import (
 from foresight_env.inverse.laplace import laplace
 from foresight_env.inverse.multi_start import MOST_STARTS, search
 from foresight_env.inverse.profile import refitting
+from foresight_env.inverse.settings import SampleSettings, WalkSettings
 from foresight_env.inverse.truncated import truncated_means
-
-FIRST_DEVIATION = 2.0
-"""Deviation of the first proposal in Laplace deviations, which kinks of the objective make too
-small."""
-CLOSE = 0.1
-"""Distance in ranks of discount factors up to which a sample is fitted from a neighbour; one
-farther off is fitted from the observations, at the equilibrium that they show."""
-TOLERANCE = 1e-3
-"""Relative change of the objective that counts as none in fits of samples."""
-RIDGE = 1e-6
-"""Relative information that parameters have without data."""
-NEGLIGIBLE = 1e-6
-"""Weight below which a sample is left out of averages."""
 
 
 @dataclass(frozen=True)
@@ -63,6 +51,7 @@ class Posterior:
     """Probability that an interval of a discount factor is to hold the truth with."""
     iterations: int = 16
     """Most Gauss-Newton steps of a sample's fit."""
+    sampling: SampleSettings = SampleSettings()
 
     def __post_init__(self) -> None:
         if not 0.0 < self.level < 1.0:
@@ -121,10 +110,11 @@ def sampled(
     problem: Problem, data: Data, base: Parameters, mode: Fit, how: Search, posterior: Posterior
 ) -> Sampled:
     """Sample the free discount factors about `mode` and average over all that is free."""
+    sampling = posterior.sampling
     at = np.flatnonzero(problem.coordinates.is_gamma & (np.asarray(data.free) > 0.0))
     held = np.array(data.free)
     held[at] = 0.0
-    fitted, spent = _fitting(problem, data._replace(free=held), base, how, posterior.iterations)
+    fitted, spent = _fitting(problem, data._replace(free=held), base, how, posterior)
     priors = _priors(problem, data, at)
     fits, points = [mode], [_ranks(priors, np.asarray(mode.values)[at])]
     weights = np.ones(1)
@@ -133,12 +123,16 @@ def sampled(
         slope = np.array(
             [p.density(float(v)) for p, v in zip(priors, mode.values[at], strict=True)]
         )
-        first = FIRST_DEVIATION**2 * spread[np.ix_(at, at)] * np.outer(slope, slope)
+        first = sampling.first_deviation**2 * spread[np.ix_(at, at)] * np.outer(slope, slope)
         proposals: list[tuple[Proposal, int]] = []
         counts = np.diff(np.linspace(0, posterior.samples, posterior.rounds + 1).astype(int))
         for number, count in enumerate(counts):
             ranks = np.array(points)
-            proposal = adapted(ranks, weights) if number else Proposal.of(ranks[0], first)
+            proposal = (
+                adapted(ranks, weights, sampling.proposal)
+                if number
+                else Proposal.of(ranks[0], first, sampling.proposal)
+            )
             drawn = proposal.draws(int(count), number)
             proposals.append((proposal, len(drawn)))
             for point in drawn:
@@ -147,7 +141,7 @@ def sampled(
                 points.append(point)
                 ranks = np.array(points)
             weights = _weights(fits, np.array(points), proposals)
-    kept = np.flatnonzero(weights > NEGLIGIBLE)
+    kept = np.flatnonzero(weights > sampling.negligible)
     averages = _averages(
         problem,
         data._replace(free=held),
@@ -157,17 +151,20 @@ def sampled(
         lambda k, w: priors[k].at(weighted_interval(np.array(points)[kept, k], w, posterior.level)),
         at,
         spent(),
+        sampling,
     )
     return averages._replace(identifiable=identifiable)
 
 
 def _fitting(
-    problem: Problem, held: Data, base: Parameters, how: Search, iterations: int
+    problem: Problem, held: Data, base: Parameters, how: Search, posterior: Posterior
 ) -> tuple[Callable[..., Fit], Callable[[], int]]:
     """Fits of the other parameters at given discount factors, and their forward solves."""
     assert how.start.limits is not None
-    refit, spent = refitting(problem, held, base, how.method, iterations, how.start.limits)
-    method = replace(how.method, max_iterations=iterations, cost_tolerance=TOLERANCE)
+    iterations, sampling = posterior.iterations, posterior.sampling
+    walk = WalkSettings(tolerance=sampling.tolerance)
+    refit, spent = refitting(problem, held, base, how.method, iterations, how.start.limits, walk)
+    method = replace(how.method, max_iterations=iterations, cost_tolerance=sampling.tolerance)
     solves = 0
 
     def fitted(
@@ -179,7 +176,7 @@ def _fitting(
         nonlocal solves
         solved = np.array([bool(f.success) for f in fits])
         nearest = int(np.argmin(np.where(solved, distance, np.inf)))
-        if distance[nearest] < CLOSE:
+        if distance[nearest] < sampling.close:
             values = np.array(fits[nearest].values)
             values[at] = gamma
             found = refit(values, fits[nearest])
@@ -234,8 +231,9 @@ def _averages(
     interval: Callable[[int, np.ndarray], Float[np.ndarray, "2"]],
     at: Int[np.ndarray, "f"],
     solves: int,
+    sampling: SampleSettings,
 ) -> Sampled:
-    values = _conditional_means(held, fits)
+    values = _conditional_means(held, fits, sampling)
     states = np.array([_states(problem, base, f, v) for f, v in zip(fits, values, strict=True)])
     mean, center = np.tensordot(weights, states, 1), weights @ values
     own = [_states(problem, base, f, np.asarray(f.values)) for f in fits]
@@ -269,7 +267,9 @@ def _states(
     return np.concatenate([first[None], later])
 
 
-def _conditional_means(held: Data, fits: list[Fit]) -> Float[np.ndarray, "S p"]:
+def _conditional_means(
+    held: Data, fits: list[Fit], sampling: SampleSettings
+) -> Float[np.ndarray, "S p"]:
     """Means of the parameters at given discount factors, within their limits."""
     free = np.flatnonzero(np.asarray(held.free) > 0.0)
     values = np.array([f.values for f in fits])
@@ -281,10 +281,12 @@ def _conditional_means(held: Data, fits: list[Fit]) -> Float[np.ndarray, "S p"]:
         information = jacobian.T @ jacobian
         diagonal = np.diag(information)
         scale = np.sqrt(np.maximum(diagonal, 1e-12 * max(float(diagonal.max()), 1e-300)))
-        unit = information / np.outer(scale, scale) + RIDGE * np.eye(free.size)
+        unit = information / np.outer(scale, scale) + sampling.ridge * np.eye(free.size)
         covariance = np.linalg.inv(unit) / np.outer(scale, scale)
         covariances.append(covariance)
         means.append(v[free] - covariance @ (jacobian.T @ np.asarray(fit.residual)))
     low, high = np.asarray(held.low)[free], np.asarray(held.high)[free]
-    values[:, free] = truncated_means(np.array(means), np.array(covariances), low, high)
+    values[:, free] = truncated_means(
+        np.array(means), np.array(covariances), low, high, settings=sampling.gibbs
+    )
     return values

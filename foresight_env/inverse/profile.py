@@ -27,22 +27,15 @@ from foresight_env.inverse.fit import Data, Fit, Problem, extrapolated
 from foresight_env.inverse.gauss_newton import GaussNewton
 from foresight_env.inverse.laplace import laplace
 from foresight_env.inverse.multi_start import MOST_STARTS, search
+from foresight_env.inverse.settings import WalkSettings
 
-NARROWEST, WIDEST = 5e-3, 0.25
-"""Steps of a walk along a discount factor."""
-GROWTH = 3.0
-"""How many times as far as the last one a point may lie."""
-CLOSE = 0.15
-"""Relative error of `sqrt(rise)` at which a point counts as the interval's end."""
-BETTER = 0.1
-"""By how much a fit on the way has to be better to become the estimate: a chi-squared sum, in
-which one deviation is 1."""
-WALKING_TOLERANCE = 1e-3
-"""Relative change of the objective that counts as none on the way."""
-FROM_SMOOTHED = 3
-"""How many times `Profile.iterations` a fit may take that begins with a smoothed game."""
-RENEWALS = 3
-"""Better minima after which no more are followed."""
+AIM = 1.05
+"""Ratio of the level that a step of a walk aims at: a twentieth past it, so that the end then lies
+between two points. Structural, as the next two; `benchmarks.intervals` measures the intervals."""
+LEAST_GROWTH = 1.1
+"""Least ratio of a point's distance from the estimate to that of the one before: walks move on."""
+INSET = 0.1
+"""Least distance of a point from both ends of a bracket, as a part of it: brackets shrink."""
 
 
 @dataclass(frozen=True)
@@ -57,6 +50,7 @@ class Profile:
     iterations: int = 8
     """Most Gauss-Newton steps per value; three times as many where a value seems to lie outside and
     is fitted again from a smoothed game."""
+    walk: WalkSettings = WalkSettings()
 
     def __post_init__(self) -> None:
         if not 0.0 < self.level < 1.0:
@@ -113,16 +107,17 @@ def refitting(
     method: GaussNewton,
     iterations: int,
     limits: Limits,
+    walk: WalkSettings = WalkSettings(),
 ) -> tuple[Refit, Callable[[], int]]:
     """Fits with some parameters held, of so many Gauss-Newton steps, and their forward solves."""
     solves = 0
     walking = replace(
         method,
         max_iterations=iterations,
-        cost_tolerance=WALKING_TOLERANCE,
+        cost_tolerance=walk.tolerance,
         initial_cost_limit=np.inf,
     )
-    thorough = replace(walking, max_iterations=FROM_SMOOTHED * iterations)
+    thorough = replace(walking, max_iterations=walk.from_smoothed * iterations)
 
     def refit(
         values: Float[np.ndarray, "p"],
@@ -159,7 +154,8 @@ def profiled(
     limits: Limits,
 ) -> Profiled:
     """Walk from `fit` along every estimated discount factor, down and up."""
-    refit, spent = refitting(problem, data, base, method, profile.iterations, limits)
+    walk = profile.walk
+    refit, spent = refitting(problem, data, base, method, profile.iterations, limits, walk)
     gammas = np.flatnonzero(problem.coordinates.is_gamma)
     intervals = np.repeat(np.asarray(fit.values)[gammas, None], 2, axis=1)
     sides = [(player, side) for player in range(len(gammas)) for side in (0, 1)]
@@ -170,7 +166,7 @@ def profiled(
         at = int(gammas[player])
         limit = float((data.low, data.high)[side][at])
         covariance = np.asarray(_laplace(problem, data, fit)[0])
-        best, end = _walk(fit, at, limit, covariance, profile, refit, renewals < RENEWALS)
+        best, end = _walk(fit, at, limit, covariance, profile, refit, renewals < walk.renewals)
         intervals[player, side] = end
         if best is not fit:
             # Its Jacobian lacks the parameter that was held: it is fitted again with all of them.
@@ -198,6 +194,7 @@ def _walk(
     games are not solved there or `profile.points` are used up, is the range's.
     """
     origin, best = float(center.values[at]), center
+    walk = profile.walk
     wanted, reach, sign = np.sqrt(profile.rise), abs(limit - origin), np.sign(limit - origin)
     if reach == 0.0:
         return center, limit
@@ -206,7 +203,7 @@ def _walk(
     # Places are distances from the center; roots are of the rise, and linear in them near it.
     inside, root_inside, nearest = 0.0, 0.0, center
     outside, root_outside = np.inf, np.inf
-    step = np.clip(wanted * np.sqrt(covariance[at, at]), NARROWEST, WIDEST)
+    step = np.clip(wanted * np.sqrt(covariance[at, at]), walk.narrowest, walk.widest)
     for _ in range(profile.points):
         if np.isfinite(root_outside):
             place = _between(inside, outside, (wanted - root_inside) / (root_outside - root_inside))
@@ -220,7 +217,7 @@ def _walk(
         if not fit.cost < best.cost + profile.rise:
             again = refit(trial, nearest, held=at, smoothed=True)
             fit = again if again.cost < fit.cost else fit
-        if follow and fit.cost < best.cost - BETTER:
+        if follow and fit.cost < best.cost - walk.better:
             best = fit
         elif best is not center:
             return best, limit
@@ -229,19 +226,19 @@ def _walk(
             outside, root_outside = place, root
         else:
             slope = (np.asarray(fit.values) - np.asarray(nearest.values)) / (place - inside)
-            growth = np.clip(1.05 * wanted / max(root, 1e-6), 1.1, GROWTH)
-            step = np.clip((growth - 1.0) * place, NARROWEST, WIDEST)
+            growth = np.clip(AIM * wanted / max(root, 1e-6), LEAST_GROWTH, walk.growth)
+            step = np.clip((growth - 1.0) * place, walk.narrowest, walk.widest)
             inside, root_inside, nearest = place, root, fit
-        if inside >= reach or abs(root - wanted) <= CLOSE * wanted:
+        if inside >= reach or abs(root - wanted) <= walk.close * wanted:
             break
     end = reach
     if np.isfinite(root_outside):
         part = (wanted - root_inside) / (root_outside - root_inside)
         end = inside + part * (outside - inside)
-    elif root_inside >= (1.0 - CLOSE) * wanted:
+    elif root_inside >= (1.0 - walk.close) * wanted:
         end = inside * wanted / root_inside
     return best, float(np.clip(origin + sign * end, min(origin, limit), max(origin, limit)))
 
 
 def _between(low: float, high: float, part: float) -> float:
-    return low + (high - low) * float(np.clip(part, 0.1, 0.9))
+    return low + (high - low) * float(np.clip(part, INSET, 1.0 - INSET))

@@ -26,6 +26,7 @@ from foresight_env.games.game import Game
 from foresight_env.games.observations import ObservationModel
 from foresight_env.games.types import AnyArray, Controls, Scalar, StageNumber, States, Theta
 from foresight_env.inverse.fit import Data, Problem
+from foresight_env.inverse.settings import TrackingSettings
 
 
 @dataclass(frozen=True)
@@ -53,15 +54,6 @@ def tracking_game(game: Game, model: ObservationModel) -> Game:
     return Game(players, game.horizon, (), game.dt)
 
 
-EFFORT = 0.1
-"""Price of a squared control unit relative to a squared standard deviation of tracking error."""
-INVERSE_STEPS = 5
-"""Gauss-Newton steps per stage from states to the controls between them."""
-KEPT = 1e-3
-"""Weight of the previous controls, and of entries that are not observed, relative to observed
-entries."""
-
-
 def track(problem: Problem, data: Data, parameters: Parameters) -> Float[Array, "T m"]:
     """Controls of the trajectory from `parameters.initial_state` that follows the observations.
 
@@ -69,20 +61,19 @@ def track(problem: Problem, data: Data, parameters: Parameters) -> Float[Array, 
     therefore solved twice: from no controls, and from the observed states themselves; the better
     trajectory counts.
     """
-    game = problem.layout.game
+    game, settings = problem.layout.game, problem.settings.tracking
     layout = layout_of(tracking_game(game, problem.model))
     count = data.values.shape[0] - 1
     fill = game.horizon - count
-    # The least certain observation sets the scale, so that small noise does not demand jerks.
     whiten = data.whiten[1:] / jnp.maximum(jnp.max(jnp.abs(data.whiten)), 1e-12)
     theta = {
         "values": jnp.pad(data.values[1:], ((0, fill), (0, 0))),
-        "whiten": jnp.pad(whiten, ((0, fill), (0, 0), (0, 0))) * 10.0,
-        "effort": jnp.asarray(EFFORT),
+        "whiten": jnp.pad(whiten, ((0, fill), (0, 0), (0, 0))) * settings.scale,
+        "effort": jnp.asarray(settings.effort),
     }
     everyone = len(game.players)
     same = Parameters(parameters.initial_state, (theta,) * everyone, jnp.ones(everyone))
-    loose = SolverOptions(tolerance=1e-4, barrier=1e-4)
+    loose = SolverOptions(tolerance=settings.accuracy, barrier=settings.accuracy)
     none = jnp.zeros((game.horizon, layout.m))
     first = jnp.asarray(parameters.initial_state)
 
@@ -91,15 +82,16 @@ def track(problem: Problem, data: Data, parameters: Parameters) -> Float[Array, 
             return jnp.sum((root @ (problem.model(layout.split_states(state)) - seen)) ** 2)
 
         x = rollout(layout, first, u)
-        return jnp.sum(jax.vmap(one)(x, theta["values"], theta["whiten"])) + EFFORT * jnp.sum(u**2)
+        followed = jnp.sum(jax.vmap(one)(x, theta["values"], theta["whiten"]))
+        return followed + settings.effort * jnp.sum(u**2)
 
     def solve_again(k: Array, best: tuple[Array, Scalar]) -> tuple[Array, Scalar]:
         u, least = best
         x = rollout(layout, first, u)
-        seen_x, seen_u = observed_motion(layout, problem.model, first, x, u, theta)
+        seen_x, seen_u = observed_motion(layout, problem.model, settings, first, x, u, theta)
         x, near = jnp.where(k > 0, seen_x, x), jnp.where(k > 0, seen_u, u)
         barrier = jnp.asarray(loose.barrier_schedule)[0]
-        start = Start(on_central_path(layout, same, x, near, barrier))
+        start = Start(on_central_path(layout, loose.path, same, x, near, barrier))
         found: Equilibrium = equilibrium(layout, loose, same, start)
         cost = error(found.point.u)
         better = (cost < least) & jnp.isfinite(found.error)
@@ -112,6 +104,7 @@ def track(problem: Problem, data: Data, parameters: Parameters) -> Float[Array, 
 def observed_motion(
     layout: Layout,
     model: ObservationModel,
+    settings: TrackingSettings,
     first: Float[AnyArray, "n"],
     x: Float[Array, "T n"],
     u: Float[Array, "T m"],
@@ -125,7 +118,7 @@ def observed_motion(
             return root @ (model(layout.split_states(s)) - seen)
 
         slope = jax.jacfwd(error)(state)
-        normal = slope.T @ slope + KEPT * jnp.eye(layout.n)
+        normal = slope.T @ slope + settings.kept * jnp.eye(layout.n)
         return state - inverse(normal) @ (slope.T @ error(state))
 
     states = jax.vmap(observed)(x, theta["values"], theta["whiten"])
@@ -137,11 +130,12 @@ def observed_motion(
 
         def improve(_: Array, v: Array) -> Array:
             slope = jax.jacfwd(error)(v)
-            normal = slope.T @ slope + KEPT * jnp.eye(layout.m)
-            step = inverse(normal) @ (slope.T @ error(v) + KEPT * (v - old))
+            normal = slope.T @ slope + settings.kept * jnp.eye(layout.m)
+            step = inverse(normal) @ (slope.T @ error(v) + settings.kept * (v - old))
             return jnp.clip(v - step, least, most)
 
-        return jax.lax.fori_loop(0, INVERSE_STEPS, improve, jnp.clip(0.0 * old, least, most))
+        begin = jnp.clip(0.0 * old, least, most)
+        return jax.lax.fori_loop(0, settings.inverse_steps, improve, begin)
 
     stages = jnp.arange(1, layout.game.horizon + 1)
     return states, jax.vmap(control)(stages, before, states, u, low, high)

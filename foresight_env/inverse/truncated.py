@@ -6,10 +6,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import ndtr, ndtri
 
-SWEEPS, BURN_IN = 160, 20
-"""Of the Gibbs sampler (Kotecha and Djuric, ICASSP 1999)."""
-CHAINS = 8
-"""Per distribution."""
+from foresight_env.inverse.settings import GibbsSettings
 
 
 def truncated_means(
@@ -18,6 +15,7 @@ def truncated_means(
     low: Float[np.ndarray, "p"],
     high: Float[np.ndarray, "p"],
     seed: int = 0,
+    settings: GibbsSettings = GibbsSettings(),
 ) -> Float[np.ndarray, "S p"]:
     """Means of S Gaussian distributions, each truncated to `low <= v <= high`.
 
@@ -31,12 +29,12 @@ def truncated_means(
     block = covariances[:, bounded[:, None], bounded]
     precision = np.linalg.inv(block)
     least, most = low[bounded], high[bounded]
-    center = np.repeat(means[:, bounded], CHAINS, axis=0)
-    matrix = np.repeat(precision, CHAINS, axis=0)
+    center = np.repeat(means[:, bounded], settings.chains, axis=0)
+    matrix = np.repeat(precision, settings.chains, axis=0)
     random = np.random.default_rng(seed)
     values = np.clip(center, least, most)
     total = np.zeros_like(values)
-    for sweep in range(SWEEPS):
+    for sweep in range(settings.sweeps):
         for k in range(bounded.size):
             own = matrix[:, k, k]
             others = np.einsum("sj,sj->s", matrix[:, k], values - center)
@@ -52,9 +50,11 @@ def truncated_means(
             drawn = ndtri(np.maximum(from_ + random.random(len(a)) * (to - from_), 1e-300))
             drawn = np.clip(drawn, a, b) * mirrored * flip
             values[:, k] = np.clip(middle + deviation * drawn, least[k], most[k])
-        if sweep >= BURN_IN:
+        if sweep >= settings.burn_in:
             total += values
-    found = total.reshape(len(means), CHAINS, -1).mean(axis=1) / (SWEEPS - BURN_IN)
+    found = total.reshape(len(means), settings.chains, -1).mean(axis=1) / (
+        settings.sweeps - settings.burn_in
+    )
     shift = np.einsum("sij,sj->si", precision, found - means[:, bounded])
     moved = means + np.einsum("spj,sj->sp", covariances[:, :, bounded], shift)
     moved[:, bounded] = found

@@ -92,7 +92,7 @@ def check_information(
         tells = [owner in (None, player) for owner in model.owners]
         if not seen[:, tells].any() and not believed[states & (owners == player)].any():
             raise NeverSeenError(
-                f"observations: player {player} was never seen, and its initial state is free; "
+                f"observations: player {player} was never observed, and its initial state is free; "
                 "leave it out of the game, or fix its initial state"
             )
     if not states.any() and not seen[1:].any():

@@ -74,7 +74,7 @@ class WindowFit:
         return float(found.cost) if np.isfinite(found.covariance).all() else np.inf
 
     def freedom(self, found: Estimate) -> int:
-        """Numbers seen beyond the parameters that they determine."""
+        """Numbers observed beyond the parameters that they determine."""
         seen = int(np.sum(~np.isnan(self.observations)))
         return max(seen - len(found.parameters), seen // 4, 1)
 

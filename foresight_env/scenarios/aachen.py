@@ -8,14 +8,14 @@ from __future__ import annotations
 import numpy as np
 
 from foresight_env.games.roads import Circle, Lane, RoadSide
-from foresight_env.scenarios.intersection import Region, Setting
+from foresight_env.scenarios.intersection import IntersectionInstance, Region
 
 
 def _fitted(polynomial: Lane, start: float, end: float) -> Lane:
-    """A published polynomial between two places, fitted again in the frame of its own ends.
+    """A published polynomial between two places, fitted again in the frame of the line's ends.
 
     In the map's frame the turning lane climbs steeply on one side and comes back up on the other;
-    in its own, slopes are moderate and the line goes on straight where its points end.
+    in its own, slopes are moderate and the line continues straight where its points end.
     """
     line = polynomial.points(np.linspace(start, end, 400))
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
@@ -56,7 +56,7 @@ AACHEN_REGION = Region(
     low=(-35.0, 20.0),
     high=(10.0, 100.0),
 )
-AACHEN = Setting(
+AACHEN = IntersectionInstance(
     ("pedestrian", "pedestrian", "car", "car"),
     (None, None, AACHEN_TURNING, AACHEN_FOLLOWING),
     AACHEN_REGION,

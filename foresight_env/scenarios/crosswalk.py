@@ -122,12 +122,14 @@ def crosswalk_game(
         ),
         control_bounds=Bounds.box(-CONTROL_LIMIT, CONTROL_LIMIT, 2),
         inequalities=inequalities,
-        extra_theta=("collision_weight",),  # of walkers that are alone or keep apart by constraint
+        extra_theta=(
+            "collision_weight",
+        ),  # of walkers that are alone or have a distance constraint
     )
     return Game((player,) * players, horizon, shared, dt)
 
 
-class Setting(NamedTuple):
+class CrosswalkInstance(NamedTuple):
     """Initial states, goals and discount factors of one crossing."""
 
     initial_state: Float[np.ndarray, "N 4"]
@@ -140,14 +142,14 @@ class Setting(NamedTuple):
         return tuple(player_theta(goal) for goal in self.goals)
 
 
-MONTE_CARLO = Setting(
+MONTE_CARLO = CrosswalkInstance(
     np.array([[2.0, 2.0, 0.0, 0.0], [0.0, 2.0, 0.0, 0.0]]),
     np.array([[0.0, 0.0], [2.0, 0.0]]),
     np.array([0.95, 0.9]),
 )
 """The paper's Monte Carlo study."""
 
-HEATMAP = Setting(
+HEATMAP = CrosswalkInstance(
     np.array([[0.0, 2.0, 0.1, -0.2], [2.5, 2.0, 0.0, 0.0]]),
     np.array([[2.0, 0.0], [0.0, 0.0]]),
     np.array([0.6, 0.6]),
@@ -155,8 +157,8 @@ HEATMAP = Setting(
 """The paper's heatmap of the inverse problem's objective."""
 
 
-def nominal_setting(players: int) -> Setting:
-    """Where `players` agents (2 to 6) cross: the Monte Carlo setting, or evenly around a circle.
+def nominal_setting(players: int) -> CrosswalkInstance:
+    """Nominal crossing of `players` agents (2 to 6): the Monte Carlo setting, or around a circle.
 
     On the circle neighbours start at least 1.6 m apart and every goal lies opposite.
     """
@@ -168,7 +170,7 @@ def nominal_setting(players: int) -> Setting:
     angle = np.pi / 4 + 2.0 * np.pi * np.arange(players) / players
     start = 1.0 + radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     states = np.concatenate([start, np.zeros((players, 2))], axis=1)
-    return Setting(states, 2.0 - start, np.full(players, 0.9))
+    return CrosswalkInstance(states, 2.0 - start, np.full(players, 0.9))
 
 
 LARGEST_SHIFTS = {"start": 0.35, "goal": 10.0}

@@ -93,7 +93,7 @@ def driving_game(
             (-infinite, -infinite, 0.0, -infinite), (infinite, infinite, SPEED_LIMIT, infinite), 4
         ),
         control_bounds=Bounds.box([-limit for limit in limits], limits, 2),
-        # The journey's end costs nothing, and a single car meets nobody.
+        # The journey's end costs nothing, and a single car meets no other.
         extra_theta=("goal", "collision_weight", "collision_distance"),
     )
     return Game((car,) * cars, horizon, (), dt)

@@ -52,7 +52,7 @@ WEIGHT = 1.0
 
 @dataclass(frozen=True)
 class Region:
-    """Where agents may be: outside corners, beside road sides, inside a box."""
+    """Region of the agents: outside corners, within road sides, inside a box."""
 
     corners: tuple[Circle, ...] = ()
     sides: tuple[RoadSide, ...] = ()
@@ -61,7 +61,7 @@ class Region:
 
 
 class Violation(NamedTuple):
-    """A part of a region that an agent was seen in."""
+    """A part of a region that an agent was observed in."""
 
     part: str
     """`"corner"` or `"side"`."""
@@ -79,10 +79,10 @@ def violations(
     Args:
         kind: Of the agent; corners are smaller for those who walk, who have no road sides.
         region: What is forbidden.
-        places: Where it was seen, m; NaN where it was not.
+        places: Where it was observed, m; NaN where it was not.
 
     Returns:
-        One entry per corner and side; empty for an agent that was never seen.
+        One entry per corner and side; empty for an agent that was never observed.
     """
     seen = places[~np.isnan(places).any(axis=1)]
     if not len(seen):
@@ -104,7 +104,7 @@ def violations(
 
 
 def without_violated(region: Region, found: Sequence[Violation]) -> Region:
-    """Return a region without the parts that an agent was seen in."""
+    """Return a region without the parts that an agent was observed in."""
     out = {(violation.part, violation.number) for violation in found}
     return replace(
         region,
@@ -222,7 +222,7 @@ def _region_constraints(
     return tuple(found)
 
 
-class Setting(NamedTuple):
+class IntersectionInstance(NamedTuple):
     """One intersection with its agents."""
 
     kinds: tuple[str, ...]

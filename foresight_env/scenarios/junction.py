@@ -36,7 +36,7 @@ HORIZON = 15
 WHEELBASE = 2.7
 """Of a car of today, m; the paper's 1 m turns on the spot."""
 PENALTY = 100.0
-"""Per metre and stage beside the road: agents that a user controls may leave it, and the others'
+"""Per metre off the road and stage: agents that a user controls may leave it, and the others'
 game must have a solution all the same."""
 JUNCTION_REGION = Region(AACHEN_REGION.corners, AACHEN_REGION.sides)
 """Without the published box, which is the recording's view: cars drive on."""
@@ -48,7 +48,7 @@ CAR_WEIGHT = 0.03
 LANE_WEIGHT = 2.0
 COLLISION_WEIGHT = 50.0
 PEDESTRIAN_DISTANCE, CAR_DISTANCE = 3.0, 4.0
-"""Where the collision cost begins, from centre to centre, for the two kinds."""
+"""Distances from centre to centre below which there is a collision cost, for both kinds, m."""
 
 _WEST = Lane.fit(np.array([(-34.0, 60.9), (9.0, 60.9)]), 1)
 _SOUTH = Lane.fit(np.array([(-14.4, 30.0), (-6.5, 95.4)]), 1)

@@ -1,4 +1,4 @@
-"""What XLA compiles must be what was written.
+"""Compiled programs agree with the code.
 
 jaxlib 0.8 to 0.10 reads wrong entries of some fused vectors on processors with AVX2 (of a fused
 vector of 6 that is cut to 4); the interior-point method then still ends somewhere, only later or
@@ -20,13 +20,13 @@ from foresight_env.equilibrium.linear_algebra.stagewise import StageSystem, fact
 from foresight_env.equilibrium.linear_algebra.transitions import EqualSizes
 from foresight_env.equilibrium.newton.interior_point import newton_step
 from foresight_env.equilibrium.newton.newton_system import (
-    LEAST_SOFTNESS,
     direction,
     eliminate_pairs,
     fischer_burmeister,
     stage_system,
 )
 from foresight_env.equilibrium.newton.start import begin
+from foresight_env.equilibrium.settings import Softness
 from foresight_env.scenarios.crosswalk import crosswalk_game, nominal_setting
 
 HORIZONS = (7, 17)
@@ -69,16 +69,16 @@ def test_newton_steps(proximity, players):
         linear = fischer_burmeister(pairs, point, options.barrier)
 
         def beside_the_path(point, ev, linear):
-            eliminated = eliminate_pairs(layout, pairs, linear, LEAST_SOFTNESS)
+            eliminated = eliminate_pairs(layout, pairs, linear, Softness.least)
             factor = factorise(stage_system(layout, point, ev, eliminated), layout.equal_sizes)
             return direction(layout, pairs, ev, factor, eliminated, linear)
 
         same(beside_the_path, point, ev, linear)
 
         def stepped(point, ev):
-            return newton_step(layout, pairs, point, ev, options.barrier, None, jnp.ones(()), zero)[
-                0
-            ]
+            return newton_step(
+                layout, options, pairs, point, ev, options.barrier, None, jnp.ones(()), zero
+            )[0]
 
         same(stepped, point, ev)
 

@@ -1,4 +1,4 @@
-"""What cannot be solved says so, and bad input is refused by name."""
+"""Failures have a status, and bad input is refused by name."""
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -47,7 +47,7 @@ def beyond(i, t, x, u, theta):
 
 @lru_cache
 def impossible():
-    """Within a second of bounded acceleration nobody is 5 m ahead."""
+    """Within a second of bounded acceleration no player is 5 m ahead."""
     player = Player(
         DoubleIntegrator(0.2),
         (Goal(), Effort()),
@@ -217,7 +217,7 @@ def divided(i, t, x, u, theta):
 
 
 def distance(i, t, x, u, theta):
-    return jnp.linalg.norm(u[i])  # no derivative where nobody acts
+    return jnp.linalg.norm(u[i])  # no derivative where no player acts
 
 
 def logarithm(i, t, x, u, theta):

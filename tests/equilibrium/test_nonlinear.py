@@ -14,13 +14,13 @@ from foresight_env.equilibrium.conditions.residual import evaluate
 from foresight_env.equilibrium.conditions.rollout import feedback_rollout, rollout
 from foresight_env.equilibrium.linear_algebra.stagewise import factorise
 from foresight_env.equilibrium.newton.newton_system import (
-    LEAST_SOFTNESS,
     direction,
     eliminate_pairs,
     on_the_path,
     stage_system,
 )
 from foresight_env.equilibrium.newton.start import begin
+from foresight_env.equilibrium.settings import Softness
 from foresight_env.games import (
     Bounds,
     DoubleIntegrator,
@@ -145,7 +145,7 @@ def test_a_newton_step_solves_the_linearised_conditions():
 
     @jax.jit
     def step():
-        eliminated = eliminate_pairs(layout, pairs, linear, LEAST_SOFTNESS)
+        eliminated = eliminate_pairs(layout, pairs, linear, Softness.least)
         factor = factorise(stage_system(layout, point, ev, eliminated), layout.equal_sizes)
         return direction(layout, pairs, ev, factor, eliminated, linear)
 

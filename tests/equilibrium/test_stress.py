@@ -57,7 +57,7 @@ def test_failures_are_labelled_and_solutions_finite():
     assert np.mean(solved | (found.status == Status.INFEASIBLE)) > 0.95
     assert np.isfinite(np.concatenate(found.states, axis=2)[solved]).all()
     assert (found.residual[solved] <= 1e-6).all()
-    # Whoever starts so deep inside the margin that one step cannot leave it has no game to play.
+    # A game that starts so deep inside the margin that one step cannot leave it has no solution.
     infeasible = [
         d.arrangement for d, s in zip(drawn, found.status, strict=True) if s == Status.INFEASIBLE
     ]

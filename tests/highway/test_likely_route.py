@@ -1,4 +1,4 @@
-"""Where cars are thought to go, on tracks whose continuation is known."""
+"""Likely routes of cars, on tracks whose continuation is known."""
 
 import numpy as np
 import pytest

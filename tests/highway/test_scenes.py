@@ -33,13 +33,13 @@ def test_paths_lead_along_lanes(name, car):
     assert max(away) < 4.0  # between two lanes
     states = np.column_stack([used[:, :2], np.zeros(len(used)), used[:, 2]])
     assert not off_road(scene, states).any()
-    # Nobody turns more sharply than a car of 5 m can.
+    # No path turns more sharply than a car of 5 m can.
     assert np.abs(used[:, 3]).max() < 0.2
 
 
 @pytest.mark.parametrize("name", SCENES)
 def test_every_draw_is_a_legal_episode(name):
-    """Also with the widest ranges: nobody overlaps, is off the road or has no path behind it."""
+    """Also with the widest ranges: no car overlaps another, is off the road or lacks a path."""
     scene = SCENES[name]
     ranges = DrivingRanges(along=2.0, speed=2.0)
     world = driving_world(scene, MOST_CARS, ranges, 0.1, 1)

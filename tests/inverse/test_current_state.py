@@ -40,7 +40,7 @@ def test_it_is_the_mean_of_the_gaussian_given_the_observation(seed):
     state, covariance, random = drawn(seed)
     seen = random.normal(size=4)
     seen[1] = np.nan
-    rates = np.eye(8)[[0, 4, 5]]  # of the positions, what was seen
+    rates = np.eye(8)[[0, 4, 5]]  # of the positions, what was observed
     information = np.linalg.inv(covariance)
     expected = np.linalg.solve(
         information + rates.T @ rates / VARIANCE,

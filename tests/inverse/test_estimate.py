@@ -150,7 +150,7 @@ def test_an_earlier_posterior_as_prior():
 
 
 def test_gamma_is_open_where_speed_limits_decide():
-    """Far goals: everybody drives flat out, whatever its foresight."""
+    """Far goals: all drive at full throttle, whatever their foresight."""
     far = np.array([[60.0, 80.0], [-60.0, 80.0]])
     flat_out = solve(crossing(), CROSSING_STATES, crossing_theta(far), CROSSING_GAMMA)
     assert flat_out.status == Status.SOLVED
@@ -475,7 +475,7 @@ def test_observations_that_say_nothing_are_refused():
 
 @pytest.mark.parametrize("free", [Free(initial_state=True), (Free(), Free((), False, True))])
 def test_an_agent_that_was_never_seen_has_no_free_initial_state(free):
-    with pytest.raises(NeverSeenError, match="player 1 was never seen"):
+    with pytest.raises(NeverSeenError, match="player 1 was never observed"):
         fit(hidden(EVERYTHING, SECOND), free=free)
 
 

@@ -63,5 +63,5 @@ def test_a_turning_vehicle_seen_late_is_moved_back_along_its_circle():
 def test_an_agent_that_nobody_saw():
     seen = straight()
     seen[:, 2:] = np.nan
-    with pytest.raises(NeverSeenError, match="player 1 was never seen"):
+    with pytest.raises(NeverSeenError, match="player 1 was never observed"):
         guess_initial_state(GAME, MODEL, seen)

@@ -64,7 +64,7 @@ def run():
 
 def test_a_constant_discount_factor_is_recovered():
     _, states = run()
-    assert states[1].estimate is None  # one observation tells nothing
+    assert states[1].estimate is None  # one observation identifies nothing
     assert all(s.estimate is not None for s in states[2:])
     assert [s.failures for s in states] == [0] * len(states)
     last = states[-1]
@@ -161,7 +161,7 @@ def test_an_occluded_agent(length):
         assert np.isfinite(now).all()
     before = states[6].gamma[1]
     assert abs(state.gamma[1] - before) < 0.15
-    # Not seen, it goes on as it was understood.
+    # Out of sight, it continues as estimated.
     assert np.abs(now[4:6] - row[4:6]).max() < 0.25
     if 6 + length < LENGTH:
         state = made.update(state, seen()[6 + length])
@@ -296,7 +296,7 @@ def test_outliers_leave_a_belief_to_go_on_from(huge):
 
 
 def test_an_ill_conditioned_belief_is_still_one():
-    """Variances that lie 1e30 apart, as those after an outlier."""
+    """Variances whose ratio is 1e30, as those after an outlier."""
     made, states = run()
     state = states[WINDOW + 1]
     random = np.random.default_rng(3)

@@ -86,7 +86,7 @@ def test_a_fixed_discount_factor_has_no_interval(noisy):
 @pytest.mark.parametrize("level", [0.5, 0.99])
 @pytest.mark.parametrize("limits", [(0.0, 1.0), (0.4, 0.9)])
 def test_what_is_flat_is_open_to_the_ends_of_the_range(level, limits):
-    """Far goals: everybody drives flat out, whatever its foresight."""
+    """Far goals: all drive at full throttle, whatever their foresight."""
     far = crossing_theta(np.array([[60.0, 80.0], [-60.0, 80.0]]))
     flat_out = solve(crossing(), CROSSING_STATES, far, CROSSING_GAMMA)
     found = estimate(

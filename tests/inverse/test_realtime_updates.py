@@ -83,7 +83,7 @@ def test_the_rates_are_those_of_the_moved_fit(at):
 
 
 def test_the_step_explains_the_new_observation_better():
-    """Beside the same fit moved along without it."""
+    """Compared with the same fit moved along without it."""
     made, states = realtime_run()
     before, row = states[WINDOW], seen()[WINDOW].copy()
     row[4:6] += 5.0 * STD

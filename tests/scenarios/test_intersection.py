@@ -29,7 +29,7 @@ def test_the_published_car_turns_from_a_cold_start(gamma):
 
 
 def test_the_published_game_is_an_equilibrium():
-    """A pedestrian and the car that turns; all four are a study of their own (`benchmarks`)."""
+    """A pedestrian and the car that turns; all four are a separate study (`benchmarks`)."""
     pair = slice(1, 3)
     game = intersection_game(AACHEN.kinds[pair], AACHEN.lanes[pair], AACHEN.region, horizon=6)
     gamma, theta = np.array([1.0, 0.7]), AACHEN.theta[pair]

@@ -85,7 +85,7 @@ def test_conflicts_have_a_slope_inside_the_bodies():
 
 
 def test_drivers_keep_a_time_gap():
-    """What lies ahead counts earlier the faster the car is; people see the car's gap, too."""
+    """Agents ahead count earlier the faster the car is; people see the car's gap, too."""
     game = realistic_game(("car", "pedestrian"), (False, False), 4, 0.4)
     ahead = np.array([4.0 + DRIVING_MARGIN + HEADWAY * 5.0, 0.0, 0.0, 0.0])
     person = walker_theta(np.zeros(2))
@@ -149,7 +149,7 @@ def test_a_car_gives_way_to_a_person_and_drives_like_a_car():
     assert verify(game, found, theta, gamma).is_local_equilibrium
     car, person = (np.asarray(s) for s in found.states)
     assert car[:, 2].min() < 4.0  # it slows down for the person
-    assert car[-1, 2] > car[:, 2].min()  # and goes on
+    assert car[-1, 2] > car[:, 2].min()  # and continues
     assert np.linalg.norm(car[:, :2] - person[:, :2], axis=1).min() > 2.0
     # Far from the limits of what a car can: nothing forces it.
     assert np.abs(np.diff(car[:, 4])).max() < 0.5 * MOST_JERK * dt

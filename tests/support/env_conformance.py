@@ -1,4 +1,4 @@
-"""What every environment of this library must do, as functions over a factory of environments.
+"""Requirements of every environment of this library, as functions over a factory of environments.
 
 The factory makes a fresh PettingZoo parallel environment. `as_parallel` presents a Gymnasium
 environment as one, so that both kinds pass the same checks.
@@ -217,7 +217,7 @@ WRONG = [
 
 
 def wrong_actions_change_nothing(make: Factory, spoil: Callable[[Any], Any]) -> None:
-    """They raise `ValueError`, and the episode goes on as if they had not been given."""
+    """They raise `ValueError`, and the episode continues as if they had not been given."""
     env, untouched = make(), make()
     random = np.random.default_rng(0)
     seen, _ = env.reset(seed=6)

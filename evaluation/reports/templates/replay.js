@@ -90,11 +90,11 @@ function gammaOf(value) {
 function curves(data, holder) {
   // Discount factors over time: estimate (line), 90 % interval (band), truth (dashes).
   if (!data.infers) {
-    const told = document.createElement("p");
-    told.className = "dim";
-    told.textContent = "This ego infers no discount factors. True ones: " +
+    const note = document.createElement("p");
+    note.className = "dim";
+    note.textContent = "This ego infers no discount factors. True ones: " +
       data.gamma.map((g, i) => `${data.names[i]} ${gammaOf(g)}`).join(", ") + ".";
-    holder.append(told);
+    holder.append(note);
     return () => {};
   }
   const [w, h, left, low] = [420, 260, 44, 34];
@@ -143,10 +143,10 @@ function legend(data, holder) {
     entry.append(dot, `${name}${i === data.ego ? " (ego)" : ""}, gamma ${gammaOf(data.gamma[i])}`);
     holder.append(entry);
   });
-  const told = document.createElement("span");
-  told.textContent = "thick: true path; dots: observations; dashes: predicted; thin: planned; cross: goal";
-  told.style.whiteSpace = "normal";
-  holder.append(told);
+  const note = document.createElement("span");
+  note.textContent = "thick: true path; dots: observations; dashes: predicted; thin: planned; cross: goal";
+  note.style.whiteSpace = "normal";
+  holder.append(note);
 }
 
 for (const holder of document.querySelectorAll("[data-replay]")) {

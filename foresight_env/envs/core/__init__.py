@@ -1,1 +1,1 @@
-"""What every environment shares: episodes, worlds, scenes and checks."""
+"""Parts that every environment shares: episodes, worlds, scenes and checks."""

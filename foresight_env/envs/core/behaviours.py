@@ -1,4 +1,4 @@
-"""What uncontrolled agents do: they play an equilibrium of the game, or anything else one adds.
+"""Behaviours of uncontrolled agents: an equilibrium of the game, or any other that one adds.
 
 A behaviour gets the true states of all agents, once per step, and answers with controls. The two
 here are the *oracle*: they know every player's true parameters.
@@ -45,7 +45,7 @@ class JointPlan(NamedTuple):
 
 
 class BehaviourSetting(NamedTuple):
-    """What a behaviour is made for; the same during the whole life of an environment."""
+    """Game and limits of a behaviour; the same during the whole life of an environment."""
 
     game: Callable[[int], Game]
     """The game of all players over so many stages."""
@@ -91,7 +91,7 @@ BehaviourFactory = Callable[[BehaviourSetting], Behaviour]
 
 
 class _Next(NamedTuple):
-    """What the next `act` follows and reports, worked out ahead of it."""
+    """Plan that the next `act` follows and reports, computed before it."""
 
     states: Float[np.ndarray, "N n"]
     solution: Solution | None
@@ -99,7 +99,7 @@ class _Next(NamedTuple):
 
 
 class _Oracle(ABC):
-    """What both oracles share: a game, an episode's parameters and a plan that may be missing."""
+    """Base of both oracles: a game, an episode's parameters and a plan that may be missing."""
 
     def __init__(self, game: Game) -> None:
         self._game = game

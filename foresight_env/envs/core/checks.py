@@ -143,7 +143,7 @@ def check_states(name: str, value: Any, world: World) -> Float[np.ndarray, "N n"
             high = np.minimum(high, player.state_bounds.upper[0][2:])
         if ((states[i, 2:] < low) | (states[i, 2:] > high)).any():
             raise ValueError(
-                f"{name}: {world.names[i]} has {states[i, 2:]} beside its position; expected "
+                f"{name}: {world.names[i]} has {states[i, 2:]} after its position; expected "
                 f"{low} to {high}"
             )
     gaps = world.gaps(

@@ -12,7 +12,7 @@ from foresight_env.scenarios.episode_parameters import EpisodeParameters
 
 
 @dataclass
-class Episode:
+class EpisodeState:
     """All that changes between `reset` and the end; never handed out."""
 
     world: World
@@ -26,7 +26,7 @@ class Episode:
     collided: Bool[np.ndarray, "N"]
     reached: Bool[np.ndarray, "N"]
     off_road: Bool[np.ndarray, "N"]
-    """Who has been off the road so far."""
+    """Players that have been off the road so far."""
     trail: list[Float[np.ndarray, "N 2"]] = field(default_factory=list)
     """Positions so far, m."""
     steps: int = 0
@@ -34,13 +34,13 @@ class Episode:
     @staticmethod
     def begin(
         world: World, episode_parameters: EpisodeParameters, noise: np.random.Generator
-    ) -> Episode:
+    ) -> EpisodeState:
         """The episode at its first instant."""
         states = episode_parameters.initial_state.copy()
         controls = np.zeros((len(states), world.game(1).players[0].dynamics.control_size))
         closest = world.gaps(states, controls, states).min(axis=1)
         no = np.zeros(len(states), dtype=bool)
-        episode = Episode(
+        episode = EpisodeState(
             world, episode_parameters, noise, states, controls, closest, no, no.copy(), no.copy()
         )
         episode.arrive(states)

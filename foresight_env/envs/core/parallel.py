@@ -1,4 +1,4 @@
-"""What all parallel environments share: episodes, spaces, observations, information."""
+"""Base of all parallel environments: episodes, spaces, observations, information."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from pettingzoo import ParallelEnv
 from foresight_env.annotations import no_type_check
 from foresight_env.envs.core import checks
 from foresight_env.envs.core.behaviours import BehaviourSetting, JointPlan, SolverReport
-from foresight_env.envs.core.episode import Episode
+from foresight_env.envs.core.episode import EpisodeState
 from foresight_env.envs.core.motion import advance, applicable, observe
 from foresight_env.envs.core.scene import Own, Scene, observation_order
 from foresight_env.envs.core.world import World, stacked
 from foresight_env.envs.rendering.overlay import Overlay
 
 Info = dict[str, Any]
-Results = tuple[
+StepResults = tuple[
     dict[str, Float32[np.ndarray, "size"]],
     dict[str, float],
     dict[str, bool],
@@ -86,7 +86,7 @@ class WorldParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
             for i, agent in zip(indices, self.possible_agents, strict=True)
         }
         self._random: np.random.Generator | None = None
-        self._episode: Episode | None = None
+        self._episode: EpisodeState | None = None
         self._overlay = Overlay()
         self._renderer: Any = None
 
@@ -104,7 +104,7 @@ class WorldParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
 
     @property
     def scene(self) -> Scene:
-        """What an agent's policy may know."""
+        """Scene of the episode, for agents' policies."""
         return self._scene
 
     @property
@@ -146,7 +146,7 @@ class WorldParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
         noise = np.random.default_rng(source.integers(2**63))
         episode_parameters = checks.with_options(drawn, chosen)
         self._random = source
-        self._episode = Episode.begin(self._world, episode_parameters, noise)
+        self._episode = EpisodeState.begin(self._world, episode_parameters, noise)
         indices = self._scene.controlled
         own = {
             i: Own(episode_parameters.theta[i], float(episode_parameters.gamma[i])) for i in indices
@@ -160,7 +160,7 @@ class WorldParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
         return self._observations(self._episode), self._infos(self._episode)
 
     @no_type_check
-    def step(self, actions: dict[str, np.ndarray]) -> Results:
+    def step(self, actions: dict[str, np.ndarray]) -> StepResults:
         """Move all agents by one step."""
         episode = self._episode
         if episode is None or not self.agents:
@@ -190,7 +190,7 @@ class WorldParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
             self._infos(episode),
         )
 
-    def _uncontrolled(self, episode: Episode) -> Float[np.ndarray, "N m"]:
+    def _uncontrolled(self, episode: EpisodeState) -> Float[np.ndarray, "N m"]:
         """Controls of all agents by the behaviour; zeros when there is none."""
         if self._behaviour is None:
             return np.zeros_like(episode.controls)
@@ -202,7 +202,7 @@ class WorldParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
             )
         return controls
 
-    def _observations(self, episode: Episode) -> dict[str, Float32[np.ndarray, "size"]]:
+    def _observations(self, episode: EpisodeState) -> dict[str, Float32[np.ndarray, "size"]]:
         observations = {}
         seen = observe(self._models, episode.states)
         for i, agent, exact in zip(self._scene.controlled, self.possible_agents, seen, strict=True):
@@ -214,7 +214,7 @@ class WorldParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
             observations[agent] = np.clip(whole, space.low, space.high)
         return observations
 
-    def _plan_of_others(self, episode: Episode) -> tuple[JointPlan, int]:
+    def _plan_of_others(self, episode: EpisodeState) -> tuple[JointPlan, int]:
         """Plan that the others follow in the next step, and how many stages it has.
 
         As long as the planning horizon, so that environments can stand side by side: zero beyond
@@ -235,7 +235,7 @@ class WorldParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
                 shown = shown._replace(solved=plan.solved)
         return shown, stages
 
-    def _infos(self, episode: Episode) -> dict[str, Info]:
+    def _infos(self, episode: EpisodeState) -> dict[str, Info]:
         report = SolverReport() if self._behaviour is None else self._behaviour.report
         plan, stages = self._plan_of_others(episode)
         theta = stacked(episode.episode_parameters.theta)

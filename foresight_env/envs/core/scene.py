@@ -1,4 +1,4 @@
-"""What an agent's policy may know of an environment: everything public, and its own parameters."""
+"""Information for an agent's policy: all that is public, and the agent's own parameters."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def own_first(observation: Observation, game: Game, player: int) -> ObservationM
 
 
 class OpponentPrior(NamedTuple):
-    """What may be believed of another player before anything but its track is known."""
+    """Prior about another player of which only the track is known."""
 
     free: tuple[str, ...]
     """Entries of its `theta` that are worth estimating."""
@@ -124,7 +124,7 @@ class Scene:
     footprints: tuple[Footprint, ...]
     """Of all players: what they cover around their positions."""
     opponent_prior: OpponentPrior = field(default=GOALS, repr=False)
-    """What every agent may assume of others."""
+    """Prior of every agent about others."""
     _own: Mapping[int, Own] = field(default_factory=dict, repr=False)
 
     @property

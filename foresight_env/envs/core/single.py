@@ -34,7 +34,7 @@ class SingleAgentEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
     @property
     def scene(self) -> Scene:
-        """What the agent's policy may know."""
+        """Scene of the episode, for the agent's policy."""
         return self._world.scene
 
     @no_type_check

@@ -1,4 +1,4 @@
-"""What an environment needs to know of its scenario, and nothing about episodes."""
+"""Scenario of an environment, without its episodes."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Gaps = Callable[
 during that step, infinite for pairs that may touch."""
 
 
-def nobody(states: Float[np.ndarray, "N n"]) -> Bool[np.ndarray, "N"]:
+def no_player(states: Float[np.ndarray, "N n"]) -> Bool[np.ndarray, "N"]:
     """No agent is off the road where there is none."""
     return np.zeros(len(states), dtype=bool)
 
@@ -41,14 +41,14 @@ class World:
     gaps: Gaps
     shown_low: Float[np.ndarray, "N n"]
     shown_high: Float[np.ndarray, "N n"]
-    """What an observation can show of each state; goals lie in the range of positions."""
+    """Limits of each state in observations; goals lie in the range of positions."""
     goal_radius: Float[np.ndarray, "N"]
     """Distance from its goal within which an agent has reached it, m."""
     footprints: tuple[Footprint, ...]
     scenery: Scenery
     opponent_prior: OpponentPrior = GOALS
-    """What agents may believe of others."""
-    off_road: Callable[[Float[np.ndarray, "N n"]], Bool[np.ndarray, "N"]] = nobody
+    """Prior of agents about others."""
+    off_road: Callable[[Float[np.ndarray, "N n"]], Bool[np.ndarray, "N"]] = no_player
     """Agents that are off the road."""
 
     @property

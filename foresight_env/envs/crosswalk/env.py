@@ -10,7 +10,7 @@
 | Action shape, values | (2,), -10 to 10 m/s^2, float32 |
 | Observation shape | (4 N + 2,) or (2 N + 2,), float32 |
 
-N pedestrians walk to goals opposite of them and keep apart on the way. Pedestrian i weighs what it
+N pedestrians walk to goals opposite of them and keep a distance. Pedestrian i weighs what it
 pays t steps ahead with `gamma_i ** t`: the smaller its discount factor, the later it reacts. The
 user controls some of them; the others play an equilibrium of the game between all. The
 discount factors, goals and weights of the others are hidden.
@@ -34,8 +34,8 @@ independent Gaussian noise; then the agent's own goal `[gx, gy]`, exact. Positio
 with applied controls `u`, reached positions `p'` and the agent's own weights. An agent that
 maximises the return discounted by `gamma_i` plays the game of the others. The last term is that of
 `proximity="soft"`. `"reference"` has `collision_weight sum_j max(0, 1.2 - |p_i' - p_j'|)^2` in its
-place, which the oracle does not discount; `"hard"`, where the oracle keeps apart by constraint, has
-nothing there.
+place, which the oracle does not discount; with `"hard"` it is
+missing, since the oracle has a constraint on the distance.
 
 **End of an episode**, common to all agents. Terminated: a controlled agent collided (two centres
 closer than 0.5 m at any moment of a step, computed exactly), or every controlled agent has been
@@ -53,7 +53,7 @@ within 0.25 m of its goal at the end of a step. Truncated: `max_steps` without e
   `core.behaviours`).
 - `observation="full"`: or `"positions"`.
 - `noise_std=0.05`: standard deviation of the noise of every observed coordinate, m and m/s.
-- `proximity="soft"`: how pedestrians keep apart (`scenarios.crosswalk.crosswalk_game`).
+- `proximity="soft"`: how pedestrians keep their distance (`scenarios.crosswalk.crosswalk_game`).
 - `ranges=Ranges()`: from where an episode's hidden parameters are drawn, uniformly.
 - `planning_horizon=25`: stages of the game that `"receding"` solves and that `scene` holds.
 - `max_steps=60`: steps until truncation.
@@ -89,7 +89,7 @@ from foresight_env.envs.core.behaviours import BehaviourFactory
 from foresight_env.envs.core.parallel import WorldParallelEnv
 from foresight_env.envs.core.single import SingleAgentEnv, single_metadata
 from foresight_env.envs.crosswalk.world import crosswalk_world
-from foresight_env.names import Behaviour, Observation
+from foresight_env.names import BehaviourName, Observation
 from foresight_env.scenarios.crosswalk import DT, HORIZON, Proximity, Ranges
 
 
@@ -108,7 +108,7 @@ class CrosswalkParallelEnv(WorldParallelEnv):
         self,
         players: int = 2,
         controlled: tuple[int, ...] | Literal["all"] | None = (0,),
-        behaviour: Behaviour | BehaviourFactory = "receding",
+        behaviour: BehaviourName | BehaviourFactory = "receding",
         observation: Observation = "full",
         noise_std: float = 0.05,
         proximity: Proximity = "soft",

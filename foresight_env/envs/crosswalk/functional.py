@@ -3,7 +3,7 @@
     setting = CrosswalkSetting(behaviour="open_loop")
     state = begin(setting, draw(setting, key))
     state, step = advance(setting, state, action)
-    seen = observe(setting, state, noise_key)
+    observation = observe(setting, state, noise_key)
 
 The same world as `foresight_env.envs.crosswalk.env`, which documents spaces, rewards and ends.
 The ego is player 0. Arrays have the caller's precision; the solver works in double precision.
@@ -26,7 +26,7 @@ from foresight_env.envs.crosswalk.world import GOAL_RADIUS, POSITION_LIMIT, VELO
 from foresight_env.equilibrium import Solution, Status, shift, solve
 from foresight_env.games import Game, stage_cost
 from foresight_env.games.types import AnyArray
-from foresight_env.names import Behaviour, Observation
+from foresight_env.names import BehaviourName, Observation
 from foresight_env.scenarios.crosswalk import (
     COLLISION_DISTANCE,
     CONTROL_LIMIT,
@@ -50,7 +50,7 @@ class CrosswalkSetting:
     """Arguments of the environment, as on its page."""
 
     players: int = 2
-    behaviour: Behaviour = "receding"
+    behaviour: BehaviourName = "receding"
     observation: Observation = "full"
     noise_std: float = 0.05
     proximity: Proximity = "soft"
@@ -60,7 +60,7 @@ class CrosswalkSetting:
 
     @property
     def game(self) -> Game:
-        """What the others solve."""
+        """Game that the others solve."""
         receding = self.behaviour == "receding"
         horizon = self.planning_horizon if receding else self.max_steps
         return crosswalk_game(self.players, horizon, self.proximity)
@@ -98,7 +98,7 @@ class Planned(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """What a step brought."""
+    """Result of a step."""
 
     cost: Float[AnyArray, "N"]
     """Of all players, undiscounted; the ego's reward is minus its own."""
@@ -135,10 +135,10 @@ def at_start(setting: CrosswalkSetting, episode_parameters: EpisodeParameters) -
     """The first instant of an episode."""
     states = jnp.asarray(episode_parameters.initial_state)
     controls = jnp.zeros((setting.players, 2), states.dtype)
-    nobody = jnp.zeros(setting.players, bool)
+    none = jnp.zeros(setting.players, bool)
     gaps = closest_approach(states, controls, states).min(axis=1) - COLLISION_DISTANCE
     steps = jnp.zeros((), int)
-    state = CrosswalkState(episode_parameters, states, controls, gaps, nobody, nobody, steps)
+    state = CrosswalkState(episode_parameters, states, controls, gaps, none, none, steps)
     return _arrived(state, states)
 
 
@@ -186,11 +186,11 @@ def braking(states: Float[AnyArray, "N 4"]) -> Float[Array, "N 2"]:
 
 
 def move(
-    setting: CrosswalkSetting, state: CrosswalkState, wanted: Float[AnyArray, "N 2"]
+    setting: CrosswalkSetting, state: CrosswalkState, requested: Float[AnyArray, "N 2"]
 ) -> tuple[CrosswalkState, Outcome]:
     """All players' controls (m/s^2), reduced to the limits, for one step."""
     game, before = setting.game, state.states
-    bounded = jnp.clip(wanted, -CONTROL_LIMIT, CONTROL_LIMIT)
+    bounded = jnp.clip(requested, -CONTROL_LIMIT, CONTROL_LIMIT)
     reach = (-SPEED_LIMIT - before[:, 2:]) / DT, (SPEED_LIMIT - before[:, 2:]) / DT
     controls = jnp.clip(bounded, *reach)
     u = tuple(controls)
@@ -228,15 +228,15 @@ def _arrived(state: CrosswalkState, states: Float[Array, "N 4"]) -> CrosswalkSta
 def observe(
     setting: CrosswalkSetting, state: CrosswalkState, key: PRNGKeyArray
 ) -> Float[Array, "size"]:
-    """What the ego sees, with noise of its own."""
+    """The ego's observation, with independent noise."""
     shape = (setting.players * setting.shown,)
-    return seen(setting, state, setting.noise_std * jax.random.normal(key, shape))
+    return observed(setting, state, setting.noise_std * jax.random.normal(key, shape))
 
 
-def seen(
+def observed(
     setting: CrosswalkSetting, state: CrosswalkState, noise: Float[AnyArray, "sensed"]
 ) -> Float[Array, "size"]:
-    """What the ego sees with this noise (m, m/s): all players, then its own goal."""
+    """The ego's observation with this noise (m, m/s): all players, then its own goal."""
     limits = np.array([POSITION_LIMIT] * 2 + [VELOCITY_LIMIT] * 2)[: setting.shown]
     limit = np.concatenate([np.tile(limits, setting.players), limits[:2]])
     exact = state.states[:, : setting.shown].ravel() + noise

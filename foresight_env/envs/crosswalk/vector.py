@@ -35,7 +35,7 @@ from foresight_env.envs.crosswalk.functional import (
     Outcome,
     at_start,
     move,
-    seen,
+    observed,
 )
 from foresight_env.envs.crosswalk.vector_oracle import VectorOracle, padded
 from foresight_env.envs.crosswalk.world import crosswalk_world
@@ -51,11 +51,11 @@ Infos = dict[str, Any]
 def _move(
     setting: CrosswalkSetting, state: CrosswalkState, wanted: Any, noise: Any
 ) -> tuple[CrosswalkState, Outcome, Any]:
-    """All environments by one step, and what is seen then."""
+    """All environments by one step, and their observations."""
 
     def one(state: CrosswalkState, wanted: Any, noise: Any) -> Any:
         state, outcome = move(setting, state, wanted)
-        return state, outcome, seen(setting, state, noise)
+        return state, outcome, observed(setting, state, noise)
 
     return jax.vmap(one)(state, wanted, noise)
 
@@ -65,11 +65,11 @@ def _move(
 def _start(
     setting: CrosswalkSetting, episode_parameters: EpisodeParameters, noise: Any
 ) -> tuple[CrosswalkState, Any]:
-    """First instants, and what is seen of them."""
+    """First states and their observations."""
 
     def one(episode_parameters: EpisodeParameters, noise: Any) -> Any:
         state = at_start(setting, episode_parameters)
-        return state, seen(setting, state, noise)
+        return state, observed(setting, state, noise)
 
     return jax.vmap(one)(episode_parameters, noise)
 
@@ -107,7 +107,7 @@ class CrosswalkVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if callable(behaviour):
             raise ValueError(
                 "behaviour: is a factory; expected 'receding' or 'open_loop', use "
-                "gymnasium.make_vec(..., vectorization_mode='sync') for one of your own"
+                "gymnasium.make_vec(..., vectorization_mode='sync') for a custom one"
             )
         self.num_envs = checks.whole("num_envs", num_envs, 1)
         mode = _autoreset_mode(autoreset_mode)

@@ -28,7 +28,7 @@ class VectorOracle:
         blank: list[Any] = [np.zeros((count, horizon, size)) for size in sizes]
         self._plans = Iterate(*blank)
         self.known: Bool[np.ndarray, "B"] = np.zeros(count, dtype=bool)
-        """Who has a plan; the others brake."""
+        """Environments with a plan; agents of the others brake."""
         self.status: Int[np.ndarray, "B"] = np.full(count, NOTHING_SOLVED)
         self.residual: Float[np.ndarray, "B"] = np.zeros(count)
         self.failures: Int[np.ndarray, "B"] = np.zeros(count, dtype=int)

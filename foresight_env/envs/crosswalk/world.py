@@ -101,7 +101,7 @@ def _least_length(curve: Float[np.ndarray, "3 2"]) -> float:
             start @ slope,
         ]
     )
-    # Coefficients that are rounding beside the others would make the roots overflow.
+    # Coefficients that are rounding relative to the others would make the roots overflow.
     cubic[np.abs(cubic) < 1e-14 * np.max(np.abs(cubic))] = 0.0
     roots = np.roots(cubic).real
     # A complex root's real part is one more harmless sample.

@@ -23,7 +23,7 @@ from foresight_env.scenarios.episode_parameters import EpisodeParameters
 
 
 class _Planless:
-    """What drivers without a solver and a plan have in common."""
+    """Base of drivers without a solver and a plan."""
 
     report = SolverReport()
     planned: tuple[Float[np.ndarray, "K 2"], ...] | None = None
@@ -67,7 +67,7 @@ class IdmDrivers(_Planless):
             self._vehicles.append(vehicle)
 
     def act(self, states: Float[np.ndarray, "N n"]) -> Float[np.ndarray, "N m"]:
-        """What every driver would do now."""
+        """Controls of every driver now."""
         for vehicle, state in zip(self._vehicles, flipped_states(states), strict=True):
             vehicle.position = state[:2].copy()
             vehicle.speed, vehicle.heading = float(state[2]), float(state[3])

@@ -147,7 +147,7 @@ def _band(
     end: float,
     colour: tuple[int, int, int],
 ) -> Polygon:
-    """A strip along a lane, `offset` beside its middle."""
+    """A strip along a lane, `offset` from its middle."""
     at = np.linspace(begin, end, max(int((end - begin) / 2.0), 1) + 1)
     edges = [[lane.position(s, offset + side) for s in at] for side in (-0.5 * width, 0.5 * width)]
     corners = flipped_places(np.array([*edges[0], *edges[1][::-1]]))

@@ -38,9 +38,9 @@ clipped.
             + lane_weight offset_i^2 + 100 beside_i)
 
 with applied controls `u`, reached positions `p'` and the agent's own weights. Pedestrians count
-cars among the j, cars count everybody; only cars have a lane, from whose centre line `offset_i`
+cars among the j, cars count all agents; only cars have a lane, from whose centre line `offset_i`
 is. By `beside_i` the region's constraints are violated, which are elastic here: for each corner
-`radius^2 - distance^2` (m^2; pedestrians: 0.3 of the radius) and, for cars, the distance beside
+`radius^2 - distance^2` (m^2; pedestrians: 0.3 of the radius) and, for cars, the distance from
 each road side (m). An agent that maximises the return discounted by `gamma_i` plays the game of
 the others.
 
@@ -100,7 +100,7 @@ from foresight_env.envs.core.behaviours import BehaviourFactory
 from foresight_env.envs.core.parallel import WorldParallelEnv
 from foresight_env.envs.core.single import SingleAgentEnv, single_metadata
 from foresight_env.envs.intersection.world import intersection_world
-from foresight_env.names import Behaviour, Observation
+from foresight_env.names import BehaviourName, Observation
 from foresight_env.scenarios.intersection import DT
 from foresight_env.scenarios.junction import HORIZON, MOST, JunctionRanges
 
@@ -124,7 +124,7 @@ class IntersectionParallelEnv(WorldParallelEnv):
         pedestrians: int = PEDESTRIANS,
         cars: int = CARS,
         controlled: tuple[int, ...] | Literal["first car", "all"] | None = "first car",
-        behaviour: Behaviour | BehaviourFactory = "receding",
+        behaviour: BehaviourName | BehaviourFactory = "receding",
         observation: Observation = "full",
         noise_std: float = 0.05,
         ranges: JunctionRanges = JunctionRanges(),

@@ -30,7 +30,7 @@ SHOWN_WALKING = 6.0
 SHOWN_SPEED, SHOWN_HEADING = 25.0, 4.0 * np.pi
 """Largest speed (m/s) and heading (rad, not wrapped) of a car that an observation can show."""
 FAR = 200.0
-"""Where drawn roads end, m."""
+"""End of drawn roads, m."""
 CROSSING = ((-19.6, 58.8), (-17.6, 67.6))
 """Middle of the marked crossing over the western arm, m."""
 CROSSING_WIDTH = 3.0
@@ -82,7 +82,7 @@ def intersection_world(pedestrians: int, cars: int, ranges: JunctionRanges) -> W
 def off_road(
     states: Float[np.ndarray, "N n"], walks: Bool[np.ndarray, "N"]
 ) -> Bool[np.ndarray, "N"]:
-    """Who violates, by more than `OFF_ROAD`, the region that the game forbids to leave."""
+    """Agents that violate, by more than `OFF_ROAD`, the region that the game forbids to leave."""
     places = states[:, :2]
     centers = np.array([corner.center for corner in JUNCTION_REGION.corners])
     radii = np.array([corner.radius for corner in JUNCTION_REGION.corners])

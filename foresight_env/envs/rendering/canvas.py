@@ -236,7 +236,7 @@ class Canvas:
                 self._lines(ends, ink, width)
 
     def sample(self, kind: str, pixel: Pixel) -> None:
-        """What a kind of line or mark looks like, 32 pixels wide, for the legend."""
+        """Sample of a kind of line or mark, 32 pixels wide, for the legend."""
         x, y = pixel
         line = [(x, y), (x + 32.0, y)]
         if kind == "trail":

@@ -1,4 +1,4 @@
-"""What an agent may have drawn over the scene: its predictions, its plan and what it inferred."""
+"""Overlay of an agent on the scene: its predictions, its plan and its estimates."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Overlay:
     """Whether a safety filter replaced the first controlled agent's action: drawn as a ring."""
 
     def checked(self, players: int) -> Overlay:
-        """A copy with arrays of its own; `ValueError` names what is wrong."""
+        """A copy that shares no arrays; `ValueError` names what is wrong."""
         for name in ("predicted", "gammas", "truth_gammas"):
             entries = getattr(self, name)
             if not isinstance(entries, Mapping):

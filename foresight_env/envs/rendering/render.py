@@ -23,7 +23,7 @@ from foresight_env.games.footprints import Footprint
 WIDTH, HEIGHT = 900, 620
 PANEL = 260
 LEAST_WEIGHT = 0.05
-"""Where `gamma ** k` is below this, a plan or prediction is not drawn any more."""
+"""Value of `gamma ** k` below which a plan or prediction is not drawn any more."""
 MARGIN = 0.2
 """Free space around everything, as a part of half the shown width."""
 
@@ -44,7 +44,7 @@ class Frame(NamedTuple):
     controlled: tuple[int, ...]
     collided: Bool[np.ndarray, "N"]
     planned: Sequence[Float[np.ndarray, "K 2"]]
-    """What the behaviour of uncontrolled agents plans for each player; empty: nothing."""
+    """Plans of each player by the behaviour of uncontrolled agents; empty: none."""
     overlay: Overlay
     time: float
     """Seconds since the episode began."""
@@ -105,7 +105,7 @@ class Renderer:
 
 
 def _check_display(driver: str) -> None:
-    """Where there is no display, SDL may draw into memory, and the window would be invisible."""
+    """Without a display, SDL may draw into memory, and the window would be invisible."""
     wanted = os.environ.get("SDL_VIDEODRIVER", "").split(",")
     if driver in ("dummy", "offscreen") and driver not in wanted:
         pygame.display.quit()
@@ -113,7 +113,7 @@ def _check_display(driver: str) -> None:
 
 
 def _half_width(frame: Frame, scenery: Scenery) -> float:
-    """Half of the shown width: nobody is ever outside, and the view never shrinks again."""
+    """Half of the shown width: no agent is ever outside, and the view never shrinks again."""
     places = np.concatenate([frame.trail.reshape(-1, 2), frame.goals])
     farthest = float(np.abs(places - np.array(scenery.center)).max())
     return max(scenery.half_width, farthest + MARGIN * scenery.half_width)
@@ -143,7 +143,7 @@ def _opacity(count: int, gamma: float) -> Float[np.ndarray, "count"]:
 def _agents(canvas: Canvas, frame: Frame) -> None:
     places = frame.trail[-1]
     for struck in np.flatnonzero(frame.collided):
-        # First, so that it hides nobody's number.
+        # First, so that it hides no agent's number.
         canvas.burst(places[struck], frame.footprints[struck].reach)
     if frame.overlay.intervention:
         ego = frame.controlled[0]
@@ -158,7 +158,7 @@ def _agents(canvas: Canvas, frame: Frame) -> None:
 
 
 def _legend(canvas: Canvas, frame: Frame) -> float:
-    """Who is who and which line is what; returns where the next block may begin."""
+    """Legend of agents and lines; returns the place of the next block."""
     left, y = WIDTH - PANEL + 20.0, 18.0
     canvas.text(f"time {frame.time:.1f} s", (left, y), size=20)
     y += 38

@@ -1,4 +1,4 @@
-"""What all pictures have in common: the agents' colours and how wide an interval is."""
+"""Style of all pictures: the agents' colours and the width of intervals."""
 
 from __future__ import annotations
 

@@ -44,4 +44,4 @@ def solve_in_turn(
     count = parameters.gamma.shape[0]
     found = jax.tree.map(lambda v: jnp.zeros((count, *v.shape), v.dtype), shapes)
     found = jax.lax.fori_loop(0, active, body, found)
-    return jax.vmap(partial(to_solution, layout))(found, parameters)
+    return jax.vmap(partial(to_solution, layout, options))(found, parameters)

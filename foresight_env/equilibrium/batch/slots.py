@@ -137,4 +137,4 @@ def solve_in_slots(
     found = jax.tree.map(lambda v: jnp.zeros((count, *v.shape[1:]), v.dtype), shapes)
     begun = (slots, found, jnp.asarray(min(width, count)))
     _, found, _ = jax.lax.while_loop(busy, body, begun)
-    return jax.vmap(partial(to_solution, layout))(found, parameters)
+    return jax.vmap(partial(to_solution, layout, options))(found, parameters)

@@ -29,7 +29,7 @@ def parts_of(game: Game) -> Iterator[Part]:
     for i, player in enumerate(game.players):
         dynamics = player.dynamics
         yield Part(
-            _told(f"players[{i}].dynamics", dynamics),
+            _label(f"players[{i}].dynamics", dynamics),
             lambda t, x, u, thetas, i=i, f=dynamics: f(t, x[i], u[i]),
             (dynamics.state_size,),
             True,
@@ -40,15 +40,15 @@ def parts_of(game: Game) -> Iterator[Part]:
 
         for kind in ("costs", "undiscounted_costs"):
             for k, cost in enumerate(getattr(player, kind)):
-                yield Part(_told(f"players[{i}].{kind}[{k}]", cost), own(cost), ())
+                yield Part(_label(f"players[{i}].{kind}[{k}]", cost), own(cost), ())
         for kind in ("inequalities", "equalities"):
             for k, c in enumerate(getattr(player, kind)):
                 where = f"players[{i}].{kind}[{k}]"
-                yield Part(_told(where, c.function), own(c.function), (c.size,), rows=True)
+                yield Part(_label(where, c.function), own(c.function), (c.size,), rows=True)
     for k, shared in enumerate(game.shared):
-        where = _told(f"shared[{k}]", shared.function)
+        where = _label(f"shared[{k}]", shared.function)
         yield Part(where, shared.function, (shared.size,), rows=True)
 
 
-def _told(where: str, function: Any) -> str:
+def _label(where: str, function: Any) -> str:
     return f"{where} ({getattr(function, '__name__', type(function).__name__)})"

@@ -24,7 +24,8 @@ from foresight_env.games.types import Theta
 from foresight_env.precision import is_traced
 
 BOUND_SLACK = 1e-6
-"""How far an initial state may lie outside a hard bound: solutions meet bounds to rounding only."""
+"""How far an initial state may lie outside a hard bound, in the bound's own unit: solutions meet
+bounds to `SolverOptions.tolerance` only, so this is a hundred times that. A guard, not tuned."""
 
 
 def check_kinds(**arguments: tuple[Any, ...]) -> None:

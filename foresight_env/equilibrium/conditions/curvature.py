@@ -22,10 +22,8 @@ from foresight_env.equilibrium.conditions.identical_players import (
 )
 from foresight_env.equilibrium.conditions.layout import Layout
 from foresight_env.equilibrium.linear_algebra.small_matrices import matrix_product
+from foresight_env.equilibrium.settings import Convexification
 from foresight_env.games.types import Scalar
-
-SIGN_STEPS = 10
-"""Newton-Schulz steps: eigenvalues above a twentieth of the matrix norm get their sign."""
 
 
 def dynamics_hessian(
@@ -34,11 +32,12 @@ def dynamics_hessian(
     u: Float[Array, "T m"],
     q: Float[Array, "T n"],
     convexity: Scalar | None = None,
+    sign_steps: int = Convexification.sign_steps,
 ) -> Float[Array, "T w w"] | None:
     """Second derivatives of `q_t' f(t, x_t, u_t)` by `(x_t, u_t)`; None for linear dynamics.
 
     `convexity`: the convexification weight, the part of each player's negative curvature that is
-    left out, in [0, 1] (None: nothing).
+    left out, in [0, 1] (None: nothing); `sign_steps`: as `Convexification` has them.
     """
     if layout.linear:
         return None
@@ -63,7 +62,9 @@ def dynamics_hessian(
 
         def partly_convex(exact: list[Array]) -> list[Array]:
             return jax.tree.map(
-                lambda b, positive: b + convexity * (positive - b), exact, _positive_parts(exact)
+                lambda b, positive: b + convexity * (positive - b),
+                exact,
+                _positive_parts(exact, sign_steps),
             )
 
         blocks = jax.lax.cond(convexity > 0.0, partly_convex, lambda b: b, blocks)
@@ -78,15 +79,17 @@ def dynamics_hessian(
     return jnp.concatenate(rows, axis=1)
 
 
-def _positive_parts(blocks: list[Array]) -> list[Array]:
+def _positive_parts(blocks: list[Array], sign_steps: int) -> list[Array]:
     """Of all runs' blocks at once where these are of one size."""
     if len({block.shape[-1] for block in blocks}) > 1:
-        return [positive_part(block) for block in blocks]
+        return [positive_part(block, sign_steps) for block in blocks]
     ends = np.cumsum([block.shape[1] for block in blocks])
-    return jnp.split(positive_part(jnp.concatenate(blocks, axis=1)), ends[:-1], axis=1)
+    return jnp.split(positive_part(jnp.concatenate(blocks, axis=1), sign_steps), ends[:-1], axis=1)
 
 
-def positive_part(matrix: Float[Array, "*b k k"]) -> Float[Array, "*b k k"]:
+def positive_part(
+    matrix: Float[Array, "*b k k"], sign_steps: int = Convexification.sign_steps
+) -> Float[Array, "*b k k"]:
     """`(M + |M|) / 2` of symmetric matrices, `|M| = M sign(M)`.
 
     The sign is found by Newton and Schulz's iteration (Higham, "Functions of Matrices", section
@@ -99,6 +102,6 @@ def positive_part(matrix: Float[Array, "*b k k"]) -> Float[Array, "*b k k"]:
     def step(_: Any, sign: Array) -> Array:
         return 1.5 * sign - 0.5 * matrix_product(sign, matrix_product(sign, sign))
 
-    sign = jax.lax.fori_loop(0, SIGN_STEPS, step, begin)
+    sign = jax.lax.fori_loop(0, sign_steps, step, begin)
     magnitude = matrix_product(matrix, sign)
     return 0.5 * matrix + 0.25 * (magnitude + jnp.swapaxes(magnitude, -2, -1))

@@ -1,8 +1,8 @@
 """Variables of a game's first-order conditions (paper, eqs. 4 and 5).
 
 Current-value form. Player i's stationarity at stage t is divided by `Gamma^i(t)`, so its costate
-`q` (of its own state; other players' states are not its decision) and its multipliers count in
-units of its own stage cost at t, and only ratios `rho_t = Gamma(t) / Gamma(t - 1)` appear:
+`q` (of that player's state; other players' states are not its decision) and its multipliers have
+units of the player's stage cost at t, and only ratios `rho_t = Gamma(t) / Gamma(t - 1)` appear:
 
     q_t = d_x (c_t - lambda_t' g_t) + rho_{t+1} A_{t+1}' q_{t+1},
     0   = d_u (c_t - lambda_t' g_t) + B_t' q_t.

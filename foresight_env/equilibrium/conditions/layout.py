@@ -104,23 +104,23 @@ class Layout:
         return np.concatenate(low, axis=1), np.concatenate(high, axis=1)
 
     @cached_property
-    def rows(self) -> tuple[Row, ...]:
+    def rows(self) -> tuple[ConstraintRow, ...]:
         """One description per constraint row of a stage."""
         count = len(self.game.players)
-        rows: list[Row] = []
+        rows: list[ConstraintRow] = []
         for i, player in enumerate(self.game.players):
             bound = tuple(j == i for j in range(count))
             for inequality in player.inequalities:
                 kind = "hard" if inequality.penalty is None else "elastic"
-                rows += [Row(kind, bound, i, inequality.penalty)] * inequality.size
+                rows += [ConstraintRow(kind, bound, i, inequality.penalty)] * inequality.size
             for equality in player.equalities:
-                rows += [Row("equality", bound, i, None)] * equality.size
+                rows += [ConstraintRow("equality", bound, i, None)] * equality.size
         for constraint in self.game.shared:
             bound = tuple(
                 constraint.players is None or j in constraint.players for j in range(count)
             )
             rows += [
-                Row("hard", bound, -1, None, constraint.multiplier == "common")
+                ConstraintRow("hard", bound, -1, None, constraint.multiplier == "common")
             ] * constraint.size
         return tuple(rows)
 
@@ -174,7 +174,7 @@ class Layout:
 
 
 @dataclass(frozen=True)
-class Row:
+class ConstraintRow:
     """One constraint row: its kind, whom it binds, whose `theta` prices it, how it is shared."""
 
     kind: str

@@ -63,7 +63,7 @@ class Linearisation(NamedTuple):
 
 
 class FirstOrder(NamedTuple):
-    """What the residual of a point takes from costs, constraints and discount factors."""
+    """First-order part of a linearisation: costs, constraints and discount factors at a point."""
 
     gradient: Float[Array, "T w"]
     rho: Float[Array, "T n"]
@@ -156,14 +156,14 @@ def _weights(layout: Layout, point: Iterate, parameters: Parameters) -> _Weights
 
 
 class _Member(NamedTuple):
-    """What a player's Lagrangian depends on, but for the stage vector."""
+    """Arguments of a player's Lagrangian other than the stage vector."""
 
     own: Theta
     numbers: tuple[Any, ...]
     scale: Scalar
     """Of undiscounted costs."""
     price: Float[Array, "R"]
-    """Of its own constraint rows."""
+    """Of the player's constraint rows."""
 
 
 def _lagrangian(
@@ -281,7 +281,7 @@ def linearise(
     groups = [(these, stack(theta, these.members)) for these in identical_players(layout, theta)]
 
     def own_part(these, t, w, member, back):
-        """A player's gradient (own,) and Hessian rows (own, w) of its own entries of `w`.
+        """A player's gradient (own,) and Hessian rows (own, w) by the player's entries of `w`.
 
         The Hessian is symmetric: its rows are its columns, each the change of the whole gradient in
         one of the player's own directions.

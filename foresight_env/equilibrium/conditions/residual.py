@@ -16,9 +16,6 @@ from foresight_env.equilibrium.conditions.pairs import Pairs, distances_to_bound
 from foresight_env.equilibrium.linear_algebra.recursion import affine_recursion
 from foresight_env.games.types import Scalar
 
-VIOLATED = 1e-4
-"""Violation above which constraints count as unmet."""
-
 
 class Residual(NamedTuple):
     """Left-hand sides of the perturbed KKT conditions that a Newton step drives to zero."""
@@ -93,7 +90,7 @@ def _largest(values: Array) -> Scalar:
 
 
 def costates(lin: Linearisation, n: int) -> Float[Array, "T n"]:
-    """Each player's current-value costate of its own state, by the backward recursion."""
+    """Each player's current-value costate of that player's state, by the backward recursion."""
 
     # q_t = g_t + (rho A)_{t+1}' q_{t+1}, and nothing comes after the last stage.
     pulled = lin.rho[:, :, None] * jnp.swapaxes(lin.a, 1, 2)

@@ -13,10 +13,11 @@ from jax.custom_batching import custom_vmap
 from jaxtyping import Array, Float
 
 SMALL_STAGE = 16
-"""Up to this stage size a library call costs more than the arithmetic it does."""
+"""Stage size up to which products are fused: a library call costs more than its arithmetic there.
+`benchmarks.growth` measures the time of a step by size."""
 PIVOTS = 8
 """Variables eliminated at a time: each pass over a stage's matrix costs a fixed time, and inverses
-of more than 8 rows cost more than a pass."""
+of more than 8 rows cost more than a pass. `benchmarks.merge` measures games of 2 to 8 cars."""
 
 
 @custom_vmap

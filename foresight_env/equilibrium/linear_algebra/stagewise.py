@@ -50,7 +50,7 @@ class Factor(NamedTuple):
     adjoint: Float[Array, "T n n"]
     """How the offsets p move backward."""
     back: Float[Array, "T n m"]
-    """What `du_t` puts into the condition of `x_t`, times `inverse`."""
+    """Coefficient of `du_t` in the condition of `x_t`, times `inverse`."""
     a: Float[Array, "T n n"]
     b: Float[Array, "T n m"]
     rho: Float[Array, "T n"]

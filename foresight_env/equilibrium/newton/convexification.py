@@ -37,5 +37,5 @@ def next_weight(
         return weight
     good = (taken > schedule.full) & (after < before)
     bad = (taken < schedule.cut) | (after > schedule.thrown_back * before)
-    risen = jnp.minimum(1.0, schedule.rise * jnp.maximum(weight, 2.0 * schedule.exact))
+    risen = jnp.minimum(1.0, schedule.rise * jnp.maximum(weight, schedule.restart))
     return jnp.where(good, schedule.fall * weight, jnp.where(bad, risen, weight))

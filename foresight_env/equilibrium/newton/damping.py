@@ -42,7 +42,9 @@ def next_damped(
     """Return the state after a step from one residual to another."""
     risen = jnp.maximum(schedule.begin, schedule.rise * damped.value)
     fallen = jnp.where(after < before, schedule.fall * damped.value, damped.value)
-    value = jnp.where(rejected, risen, jnp.where(fallen < 0.5 * schedule.begin, 0.0, fallen))
+    value = jnp.where(
+        rejected, risen, jnp.where(fallen < schedule.end * schedule.begin, 0.0, fallen)
+    )
     reference = jnp.where(
         rejected, damped.reference, jnp.maximum(after, schedule.memory * damped.reference)
     )

@@ -45,12 +45,6 @@ from foresight_env.equilibrium.newton.start import Start, begin_phase
 from foresight_env.equilibrium.settings import SolverOptions
 from foresight_env.games.types import Scalar
 
-TANGENT_SOFTNESS = 1e-5
-"""Softness of constraint rows in the tangents' linear system, without which active rows would weigh
-up to the inverse of the barrier there, and rounding would swallow the players' own curvature."""
-TANGENT_CORRECTIONS = 2
-"""Further solves that take its influence back (proximal point iteration)."""
-
 
 class Equilibrium(NamedTuple):
     """Raw result of one solve on joint vectors."""
@@ -183,8 +177,13 @@ def solution_tangent(
     point, ev = jax.tree.map(jax.lax.stop_gradient, (result.point, result.evaluation))
     fixed = jax.tree.map(jax.lax.stop_gradient, parameters)
     # On the path `slack * multiplier` stays what it is.
+    added = options.softness.tangent
     eliminated = eliminate_pairs(
-        layout, pairs, on_the_path(pairs, point, jnp.zeros(())), TANGENT_SOFTNESS
+        layout,
+        pairs,
+        on_the_path(pairs, point, jnp.zeros(())),
+        added,
+        options.softness.equality,
     )
     factor = factorise(stage_system(layout, point, ev, eliminated), layout.equal_sizes)
     n = layout.n
@@ -214,8 +213,8 @@ def solution_tangent(
     if layout.rows:
         dw, mult = jax.lax.fori_loop(
             0,
-            TANGENT_CORRECTIONS,
-            lambda _, last: solved(wanted + TANGENT_SOFTNESS * last[1]),
+            options.softness.tangent_corrections,
+            lambda _, last: solved(wanted + added * last[1]),
             (dw, mult),
         )
     slope = jnp.einsum("tka,ta->tk", jacobian, dw)

@@ -23,7 +23,7 @@ from foresight_env.equilibrium.conditions.residual import Evaluation
 from foresight_env.equilibrium.conditions.rollout import feedback_rollout
 from foresight_env.equilibrium.linear_algebra.stagewise import Factor, factorise
 from foresight_env.equilibrium.newton.newton_system import (
-    Linear,
+    LinearComplementarity,
     direction,
     eliminate_pairs,
     fischer_burmeister,
@@ -31,6 +31,7 @@ from foresight_env.equilibrium.newton.newton_system import (
     row_softness,
     stage_system,
 )
+from foresight_env.equilibrium.settings import SolverOptions
 from foresight_env.games.types import Scalar
 
 
@@ -82,6 +83,7 @@ def average_product(pairs: Pairs, slack: Array, mult: Array) -> Scalar:
 
 def newton_step(
     layout: Layout,
+    options: SolverOptions,
     pairs: Pairs,
     point: Iterate,
     ev: Evaluation,
@@ -94,6 +96,7 @@ def newton_step(
 
     Args:
         layout: the game's layout.
+        options: settings of softness and of the central path.
         pairs: its complementarity pairs.
         point: the present point.
         ev: residual and linearisation there.
@@ -103,15 +106,20 @@ def newton_step(
         damping: what is added to controls' curvature and to the softness of rows.
     """
 
-    def on_path() -> Linear:
+    def on_path() -> LinearComplementarity:
         return on_the_path(pairs, point, jnp.zeros(()))
 
-    def off_path() -> Linear:
+    def off_path() -> LinearComplementarity:
         return fischer_burmeister(pairs, point, end)
 
     linear = on_path() if semismooth is None else jax.lax.cond(semismooth, off_path, on_path)
-    eliminated = eliminate_pairs(layout, pairs, linear, row_softness(ev.error, damping))
-    system = stage_system(layout, point, ev, eliminated, weight, damping)
+    soft, path = options.softness, options.path
+    eliminated = eliminate_pairs(
+        layout, pairs, linear, row_softness(soft, ev.error, damping), soft.equality
+    )
+    system = stage_system(
+        layout, point, ev, eliminated, weight, damping, options.convexification.sign_steps
+    )
     factor = factorise(system, layout.equal_sizes)
     first = direction(layout, pairs, ev, factor, eliminated, linear)
 
@@ -122,16 +130,14 @@ def newton_step(
             pairs, point.slack + primal * first.slack, point.mult + dual * first.mult
         )
         sigma = jnp.clip(predicted / jnp.maximum(average, 1e-300), 0.0, 1.0) ** 3
-        # Complementarity must not run ahead of stationarity: on a path too narrow to follow the
-        # curvature of the others' constraints, steps are cut to nothing.
-        wide = jnp.minimum(average, 1e-2 * ev.error)
+        # Complementarity must not run ahead of stationarity.
+        wide = jnp.minimum(average, path.width * ev.error)
         barrier = jnp.maximum(jnp.maximum(sigma * average, wide), end)
-        # At the end of the path plain Newton converges quadratically; the correction would not.
-        second_order = jnp.where(average > 10.0 * end, 1.0, 0.0)
+        second_order = jnp.where(average > path.corrector_end * end, 1.0, 0.0)
         products = barrier - second_order * first.slack * first.mult
         target = on_the_path(pairs, point, products)
         step = direction(layout, pairs, ev, factor, eliminated, target)
-        fraction = jnp.maximum(0.99, 1.0 - average)
+        fraction = jnp.maximum(path.fraction, 1.0 - average)
         primal, dual = step_lengths(pairs, point, step, fraction)
         ahead = advance(point, step, primal, dual)
         return rolled_out(layout, ev, factor, ahead, point, step, primal), primal

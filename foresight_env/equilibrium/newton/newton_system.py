@@ -13,22 +13,11 @@ from foresight_env.equilibrium.conditions.layout import Layout
 from foresight_env.equilibrium.conditions.pairs import Pairs, Parts, join, split
 from foresight_env.equilibrium.conditions.residual import Evaluation
 from foresight_env.equilibrium.linear_algebra.stagewise import Factor, StageSystem, solve_stages
+from foresight_env.equilibrium.settings import Convexification, Softness
 from foresight_env.games.types import Scalar
 
-EQUALITY_SOFTNESS = 1e-8
-"""Proximal term of equality multipliers: keeps the stage matrices regular without a constraint
-qualification; it vanishes at the solution."""
-LEAST_SOFTNESS = 1e-10
-"""The same of inequality rows, so that no active row weighs more than its inverse in the stage
-matrices, where rounding would swallow the players' own curvature."""
-FINAL_SOFTNESS = 1e-8
-"""The same where the residual is below `FINAL_RESIDUAL`, and multipliers hardly move any more. From
-the beginning, phases of games without a solution would take all their steps (`benchmarks.stress`).
-"""
-FINAL_RESIDUAL = 1e-3
 
-
-class Linear(NamedTuple):
+class LinearComplementarity(NamedTuple):
     """Complementarity, linear in the step: `slope d_slack + own d_mult = target`, per pair."""
 
     slope: Float[Array, "T P"]
@@ -36,13 +25,15 @@ class Linear(NamedTuple):
     target: Float[Array, "T P"]
 
 
-def on_the_path(pairs: Pairs, point: Iterate, wanted: Array) -> Linear:
+def on_the_path(pairs: Pairs, point: Iterate, wanted: Array) -> LinearComplementarity:
     """`slack * multiplier` becomes `wanted`, to first order."""
     target = jnp.where(pairs.exists, wanted - point.slack * point.mult, 0.0)
-    return Linear(point.mult, point.slack, target)
+    return LinearComplementarity(point.mult, point.slack, target)
 
 
-def fischer_burmeister(pairs: Pairs, point: Iterate, barrier: Scalar | float) -> Linear:
+def fischer_burmeister(
+    pairs: Pairs, point: Iterate, barrier: Scalar | float
+) -> LinearComplementarity:
     """Newton on `slack + mult - r = 0` with `r = sqrt(slack^2 + mult^2 + 2 barrier)`.
 
     Differences of nearly equal numbers are written as quotients.
@@ -56,7 +47,7 @@ def fischer_burmeister(pairs: Pairs, point: Iterate, barrier: Scalar | float) ->
 
     total = s + m
     gap = jnp.where(total > 0.0, 2.0 * (barrier - s * m) / (r + jnp.abs(total)), r - total)
-    return Linear(
+    return LinearComplementarity(
         jnp.where(pairs.exists, rest(s, m), 0.0),
         jnp.where(pairs.exists, rest(m, s), 1.0),
         jnp.where(pairs.exists, gap, 0.0),
@@ -64,7 +55,7 @@ def fischer_burmeister(pairs: Pairs, point: Iterate, barrier: Scalar | float) ->
 
 
 class Eliminated(NamedTuple):
-    """Coefficients of `Linear` after slacks and multipliers are eliminated from the stage."""
+    """Coefficients of `LinearComplementarity` with slacks and multipliers eliminated."""
 
     ratios: Parts
     """Slopes over own coefficients of bounds; of rows and excess, own coefficients over slopes."""
@@ -72,22 +63,27 @@ class Eliminated(NamedTuple):
     """`-d g / d mult` of each row."""
 
 
-def row_softness(error: Scalar, damping: Scalar) -> Scalar:
+def row_softness(softness: Softness, error: Scalar, damping: Scalar) -> Scalar:
     """Return what a Newton step from a point with this residual adds to the softness of rows."""
-    return damping + jnp.where(error < FINAL_RESIDUAL, FINAL_SOFTNESS, LEAST_SOFTNESS)
+    return damping + jnp.where(error < softness.final_residual, softness.final, softness.least)
 
 
 def eliminate_pairs(
-    layout: Layout, pairs: Pairs, linear: Linear, softness: Scalar | float
+    layout: Layout,
+    pairs: Pairs,
+    linear: LinearComplementarity,
+    softness: Scalar | float,
+    equality: float = Softness.equality,
 ) -> Eliminated:
     """Coefficients that the stage matrices and every right-hand side share.
 
-    `softness` is added to that of all rows: a proximal term of their multipliers.
+    `softness` is added to that of all rows: a proximal term of their multipliers; `equality` is
+    that of equality rows, see `Softness`.
     """
     slope, own = split(layout, linear.slope), split(layout, linear.own)
     excess = jnp.where(pairs.elastic, own.excess / jnp.where(pairs.elastic, slope.excess, 1.0), 0.0)
     row = own.row / jnp.where(pairs.equality, 1.0, slope.row)
-    total = softness + jnp.where(pairs.equality, EQUALITY_SOFTNESS, row + excess)
+    total = softness + jnp.where(pairs.equality, equality, row + excess)
     return Eliminated(Parts(slope.low / own.low, slope.high / own.high, excess, row), total)
 
 
@@ -98,11 +94,13 @@ def stage_system(
     eliminated: Eliminated,
     convexity: Scalar | None = None,
     damping: Scalar | float = 0.0,
+    sign_steps: int = Convexification.sign_steps,
 ) -> StageSystem:
     """The linear system with slacks and all multipliers eliminated.
 
     `convexity`: the convexification weight of the dynamics' curvature (None: nothing is left out);
-    `damping`: what is added to the controls' own curvature.
+    `damping`: what is added to the controls' own curvature; `sign_steps`: as `Convexification` has
+    them.
     """
     lin = ev.lin
     of_controls = jnp.arange(layout.n + layout.m) >= layout.n
@@ -112,7 +110,7 @@ def stage_system(
     if layout.rows:
         weighted = lin.jacobian / eliminated.softness[:, :, None]
         hessian = hessian + jnp.einsum("tka,tkb->tab", lin.share * lin.jacobian, weighted)
-    curvature = dynamics_hessian(layout, lin.previous, point.u, ev.q, convexity)
+    curvature = dynamics_hessian(layout, lin.previous, point.u, ev.q, convexity, sign_steps)
     return StageSystem(hessian, curvature, lin.a, lin.b, lin.rho)
 
 
@@ -122,7 +120,7 @@ def direction(
     ev: Evaluation,
     factor: Factor,
     eliminated: Eliminated,
-    linear: Linear,
+    linear: LinearComplementarity,
 ) -> Iterate:
     """Solve for one right-hand side and recover slacks and multipliers."""
     lin, res, n = ev.lin, ev.residual, layout.n

@@ -17,7 +17,6 @@ from foresight_env.equilibrium.conditions.kkt import Iterate, Parameters
 from foresight_env.equilibrium.conditions.layout import Layout
 from foresight_env.equilibrium.conditions.pairs import pairs_of
 from foresight_env.equilibrium.conditions.residual import (
-    VIOLATED,
     Evaluation,
     evaluate,
     largest_multiplier,
@@ -38,13 +37,16 @@ class Accuracy(NamedTuple):
     """Complementarity product."""
     tolerance: Scalar | float
     """Largest entry of the scaled KKT residual."""
+    width: float
+    """Largest deviation of products from `barrier`, relative to it."""
 
 
 def accuracy_of(options: SolverOptions, barrier: Scalar | None) -> Accuracy:
     """Return the accuracy of the solution or, with a `barrier`, of a smoothed approximation."""
     if barrier is None:
-        return Accuracy(options.barrier, options.tolerance)
-    return Accuracy(barrier, jnp.maximum(options.tolerance, 1e-3 * barrier))
+        return Accuracy(options.barrier, options.tolerance, options.path.end_width)
+    tolerance = jnp.maximum(options.tolerance, options.path.smoothed_tolerance * barrier)
+    return Accuracy(barrier, tolerance, options.path.end_width)
 
 
 class PhaseState(NamedTuple):
@@ -73,11 +75,9 @@ class PhaseState(NamedTuple):
 
 
 def converged(ev: Evaluation, accuracy: Accuracy) -> Bool[Array, ""]:
-    """Return whether the perturbed KKT conditions hold, complementarity to 1 % of the barrier.
-
-    So narrow a path makes the solution a function of the parameters alone, whatever the start.
-    """
-    return (ev.error <= accuracy.tolerance) & (ev.complementarity <= 0.01 * accuracy.barrier)
+    """Return whether the perturbed KKT conditions hold."""
+    near = ev.complementarity <= accuracy.width * accuracy.barrier
+    return (ev.error <= accuracy.tolerance) & near
 
 
 def succeeded(state: PhaseState, accuracy: Accuracy) -> Bool[Array, ""]:
@@ -182,6 +182,7 @@ def _newton_point(
     used = used_weight(options.convexification, state.weight, before.error, rules.exact_below)
     point, taken = newton_step(
         layout,
+        options,
         pairs_of(layout),
         state.point,
         before,
@@ -262,7 +263,7 @@ def _runs_away(
 ) -> Bool[Array, ""]:
     """Whether multipliers grow without bound while constraints stay violated."""
     large = largest_multiplier(layout, point) > options.runaway_multiplier
-    return large & (violation(ev) > VIOLATED)
+    return large & (violation(ev) > options.violated)
 
 
 def _is_finite(point: Iterate, ev: Evaluation) -> Bool[Array, ""]:

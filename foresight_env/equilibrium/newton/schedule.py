@@ -83,7 +83,7 @@ def phase_rules(
 ) -> PhaseRules:
     """Return the rules of the phase with this number."""
     place = schedule_place(options, number, warm)
-    exact_below = options.exact_below * 10.0 ** jnp.maximum(place - 1, 0)
+    exact_below = options.exact_below * options.exact_growth ** jnp.maximum(place - 1, 0)
     steps = jnp.asarray(options.linear_steps if layout.linear else options.nonlinear_steps)
     if warm is not None:
         resumed = warm & (number == 1)

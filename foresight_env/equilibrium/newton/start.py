@@ -20,7 +20,7 @@ from foresight_env.equilibrium.conditions.pairs import (
 )
 from foresight_env.equilibrium.conditions.rollout import rollout
 from foresight_env.equilibrium.newton.schedule import Limits, schedule_place
-from foresight_env.equilibrium.settings import SolverOptions
+from foresight_env.equilibrium.settings import CentralPath, SolverOptions
 from foresight_env.games.types import AnyArray, Scalar
 
 
@@ -38,11 +38,16 @@ class Start(NamedTuple):
 
 
 def on_central_path(
-    layout: Layout, parameters: Parameters, x: Array, u: Array, barrier: Scalar
+    layout: Layout,
+    path: CentralPath,
+    parameters: Parameters,
+    x: Array,
+    u: Array,
+    barrier: Scalar,
 ) -> Iterate:
     """Positive slacks and multipliers around a trajectory, their products equal to `barrier`.
 
-    Multipliers of elastic rows are at most half their penalty.
+    `path.least_slack` and `path.most_share` limit them.
     """
     pairs = pairs_of(layout)
     exists = split(layout, pairs.exists)
@@ -52,14 +57,14 @@ def on_central_path(
     values = jax.vmap(lambda t, v: layout.constraint_values(t, v, parameters.theta))(stages, w)
 
     def pair(gap: Array, mask: Array) -> tuple[Array, Array]:
-        slack = jnp.where(mask, jnp.maximum(gap, 0.1), 1.0)
+        slack = jnp.where(mask, jnp.maximum(gap, path.least_slack), 1.0)
         return slack, jnp.where(mask, barrier / slack, 0.0)
 
     above, below = distances_to_bounds(layout, pairs, w)
     slack_low, mult_low = pair(above, exists.low)
     slack_high, mult_high = pair(below, exists.high)
     slack, mult = pair(values, exists.row)
-    mult = jnp.where(pairs.elastic, jnp.minimum(mult, 0.5 * penalty), mult)
+    mult = jnp.where(pairs.elastic, jnp.minimum(mult, path.most_share * penalty), mult)
     spare = jnp.where(exists.excess, penalty - mult, 0.0)
     excess = jnp.where(exists.excess, barrier / jnp.where(exists.excess, spare, 1.0), 1.0)
     return Iterate(
@@ -81,11 +86,14 @@ def from_controls(
     u = jnp.asarray(u)
     x = rollout(layout, parameters.initial_state, u)
     barrier = jnp.asarray(options.barrier_schedule)[place - 1]
-    return on_central_path(layout, parameters, x, u, barrier)
+    return on_central_path(layout, options.path, parameters, x, u, barrier)
 
 
-def backed_off(layout: Layout, parameters: Parameters, point: Iterate, barrier: float) -> Iterate:
+def backed_off(
+    layout: Layout, options: SolverOptions, parameters: Parameters, point: Iterate
+) -> Iterate:
     """A solution's trajectory and multipliers, moved off the boundary."""
+    barrier, margin = options.warm_barrier, options.path.warm_margin
     pairs = pairs_of(layout)
     penalty = layout.penalties(parameters.theta).astype(point.x.dtype)
     floor = np.sqrt(barrier)
@@ -97,7 +105,7 @@ def backed_off(layout: Layout, parameters: Parameters, point: Iterate, barrier: 
     mult = split(layout, jnp.where(pairs.exists, jnp.maximum(point.mult, barrier / slack), 0))
     slacks = split(layout, slack)
     row = jnp.where(
-        pairs.elastic, jnp.clip(mult.row, 1e-3 * penalty, (1.0 - 1e-3) * penalty), mult.row
+        pairs.elastic, jnp.clip(mult.row, margin * penalty, (1.0 - margin) * penalty), mult.row
     )
     row = jnp.where(pairs.equality, split(layout, point.mult).row, row)
     spare = jnp.where(pairs.elastic, penalty - row, 0.0)
@@ -149,7 +157,7 @@ def begin_phase(
         solves = start.warm
         if solves is None:
             return start.point
-        backed = backed_off(layout, parameters, start.point, options.warm_barrier)
+        backed = backed_off(layout, options, parameters, start.point)
         return jax.tree.map(lambda a, b: jnp.where(solves, a, b), backed, start.point)
 
     def perturbed() -> Iterate:
@@ -158,7 +166,7 @@ def begin_phase(
         if start.warm is not None:
             u = jnp.where(start.warm & (number > options.warm_phases), 0.0, u)
         phase = jnp.arange(u.size, dtype=u.dtype).reshape(u.shape)
-        shifted = u + 0.5 * (number - 1) * jnp.sin(1.0 + 2.4 * phase)
+        shifted = u + options.perturbation * (number - 1) * jnp.sin(1.0 + 2.4 * phase)
         place = schedule_place(options, number, start.warm)
         return from_controls(layout, options, parameters, shifted, place)
 

@@ -30,7 +30,7 @@ from foresight_env.equilibrium.conditions.pairs import Parts, join, pairs_of, sp
 from foresight_env.equilibrium.conditions.residual import evaluate
 from foresight_env.equilibrium.newton.implicit import equilibrium
 from foresight_env.equilibrium.newton.start import Start, begin
-from foresight_env.equilibrium.settings import SolverOptions
+from foresight_env.equilibrium.settings import SolverOptions, VerificationSettings
 from foresight_env.equilibrium.solve import Solution
 from foresight_env.equilibrium.status import Status
 from foresight_env.equilibrium.verification.best_response import (
@@ -52,7 +52,7 @@ class Verification(NamedTuple):
     gap: Float[AnyArray, "N"]
     """Cost minus that of the best response found from the equilibrium itself (a local search), both
     in current value at the first stage; at most rounding when no player can improve, NaN where that
-    search failed. It does not tell a saddle, on which the local search may fall back: `curvature`
+    search failed. It does not reveal a saddle, to which the local search may return: `curvature`
     does."""
     cold_gap: Float[AnyArray, "N"]
     """The same from a cold start: positive when another local optimum (say, passing on the other
@@ -78,7 +78,11 @@ def player_cost(
 
 
 def _reduced_hessian(
-    layout: Layout, options: SolverOptions, parameters: Parameters, point: Iterate
+    layout: Layout,
+    options: SolverOptions,
+    settings: VerificationSettings,
+    parameters: Parameters,
+    point: Iterate,
 ) -> Float[Array, "k k"]:
     """Second derivatives of a one-player game's Lagrangian by all controls (k = T m).
 
@@ -103,15 +107,15 @@ def _reduced_hessian(
     hessian = jnp.einsum("tak,tab,tbl->kl", at_next, lin.hessian, at_next)
     if curve is not None:
         hessian += jnp.einsum("tak,tab,tbl->kl", at_now, curve, at_now)
-    scale = jnp.maximum(jnp.max(jnp.abs(hessian)), 1.0)
+    stiff = settings.stiffness * jnp.maximum(jnp.max(jnp.abs(hessian)), 1.0)
 
     active = split(layout, pairs.exists & (point.mult > point.slack))
-    bounds = jnp.where(active.low, 1e4 * scale, 0.0) + jnp.where(active.high, 1e4 * scale, 0.0)
+    bounds = jnp.where(active.low, stiff, 0.0) + jnp.where(active.high, stiff, 0.0)
     hessian += jnp.einsum("tak,ta,tal->kl", at_next, bounds, at_next)
     # An elastic row holds like a hard one until its whole penalty is paid.
     whole = pairs.elastic & ~active.excess
     held = (active.row & ~whole) | pairs.equality
-    rows = jnp.where(held, 1e4 * scale, 0.0)
+    rows = jnp.where(held, stiff, 0.0)
     normals = jnp.einsum("tka,tal->tkl", lin.jacobian, at_next)
     hessian += jnp.einsum("tkl,tk,tkj->lj", normals, rows, normals)
     return 0.5 * (hessian + hessian.T)
@@ -144,7 +148,7 @@ def restricted(layout: Layout, i: int, point: Iterate, parameters: Parameters) -
 
 
 class _Checked(NamedTuple):
-    """What is computed of one player."""
+    """Results of one player."""
 
     gap: Scalar
     cold_gap: Scalar
@@ -153,13 +157,16 @@ class _Checked(NamedTuple):
 
 
 def _checked(
-    alone: Layout, options: SolverOptions, parameters: Parameters, own: Iterate
+    alone: Layout,
+    options: SolverOptions,
+    settings: VerificationSettings,
+    parameters: Parameters,
+    own: Iterate,
 ) -> _Checked:
     """Best responses from both starts in a loop, whose body is compiled once."""
     here = player_cost(alone, 0, own.x, own.u, parameters)
-    perturbed = own._replace(
-        u=own.u + 1e-3 * jnp.sin(1.0 + jnp.arange(own.u.size)).reshape(own.u.shape)
-    )
+    away = jnp.sin(1.0 + jnp.arange(own.u.size)).reshape(own.u.shape)
+    perturbed = own._replace(u=own.u + settings.perturbation * away)
     cold = begin(alone, options, parameters, None).point
     points = jax.tree.map(lambda *v: jnp.stack(v), perturbed, cold)
 
@@ -169,12 +176,17 @@ def _checked(
         return jnp.where(found.success, here - cost, jnp.nan)
 
     gap, cold_gap = jax.lax.map(gain, Start(points, jnp.array([True, False])))
-    return _Checked(gap, cold_gap, _reduced_hessian(alone, options, parameters, own), here)
+    hessian = _reduced_hessian(alone, options, settings, parameters, own)
+    return _Checked(gap, cold_gap, hessian, here)
 
 
-@compiled(static_argnums=(0, 1))
+@compiled(static_argnums=(0, 1, 2))
 def _verify(
-    layout: Layout, options: SolverOptions, parameters: Parameters, point: Iterate
+    layout: Layout,
+    options: SolverOptions,
+    settings: VerificationSettings,
+    parameters: Parameters,
+    point: Iterate,
 ) -> tuple[_Checked, ...]:
     """Best responses and curvature, player by player."""
     found: list[_Checked] = []
@@ -189,10 +201,12 @@ def _verify(
             mine = Parameters(start, (theta,), parameters.gamma[i : i + 1])
             given.append((mine, restricted(layout, i, point, parameters)))
         if len(given) == 1:
-            found.append(_checked(alone, options, *given[0]))
+            found.append(_checked(alone, options, settings, *given[0]))
             continue
         stacked = jax.tree.map(lambda *v: jnp.stack([*map(jnp.asarray, v)]), *given)
-        together = jax.lax.map(lambda one, alone=alone: _checked(alone, options, *one), stacked)
+        together = jax.lax.map(
+            lambda one, alone=alone: _checked(alone, options, settings, *one), stacked
+        )
         found += [jax.tree.map(lambda v, k=k: v[k], together) for k in range(len(given))]
     return tuple(found)
 
@@ -205,21 +219,27 @@ def verify(
     gamma: Any,
     *,
     options: SolverOptions = SolverOptions(),
+    settings: VerificationSettings = VerificationSettings(),
 ) -> Verification:
     """Check that `solution` is a local equilibrium of `game` with these parameters.
 
     Raises `ValueError` on arguments of another type and on shapes that do not fit the game.
     """
-    check_kinds(game=(game, Game), solution=(solution, Solution), options=(options, SolverOptions))
+    check_kinds(
+        game=(game, Game),
+        solution=(solution, Solution),
+        options=(options, SolverOptions),
+        settings=(settings, VerificationSettings),
+    )
     layout = layout_of(game)
     parameters = check_parameters(game, [s[0] for s in solution.states], theta, gamma)
     with jax.enable_x64(True):
-        found = to_numpy(_verify(layout, options, parameters, to_double(solution.point)))
+        found = to_numpy(_verify(layout, options, settings, parameters, to_double(solution.point)))
     gap, cold_gap, cost = (
         np.array([getattr(one, name) for one in found]) for name in ("gap", "cold_gap", "cost")
     )
     curvature = np.array([_least_eigenvalue(one.hessian) for one in found])
-    rounding = 1e-6 * np.maximum(1.0, np.abs(cost))
+    rounding = settings.rounding * np.maximum(1.0, np.abs(cost))
     solved = int(solution.status) == Status.SOLVED
     local = solved and bool((curvature > 0.0).all() and (gap <= rounding).all())
     return Verification(np.asarray(local), gap, cold_gap, curvature)

@@ -17,7 +17,7 @@ BLIND = [name for name in EGOS if name != "oracle"]
 
 
 class OwnEntry:
-    """What `info` has of every player: only that of player 0 may be looked at."""
+    """Entries of `info` of every player: only that of player 0 may be looked at."""
 
     def __init__(self, values):
         self.values = values
@@ -29,7 +29,7 @@ class OwnEntry:
 
 
 class Poison(Mapping):
-    """An `info` of which nobody may look at more than its own parameters."""
+    """An `info` of which an agent may read no more than its own parameters."""
 
     def __init__(self, info):
         own = {name: OwnEntry(values) for name, values in info["theta"].items()}
@@ -275,9 +275,9 @@ def test_states_are_moved_into_their_bounds():
 
 def test_unknown_names():
     with pytest.raises(
-        ValueError, match=r"ego: 'nobody' is unknown; choose from oracle, infer-gamma"
+        ValueError, match=r"ego: 'nosuch' is unknown; choose from oracle, infer-gamma"
     ):
-        make_ego("nobody")
+        make_ego("nosuch")
     env = crossing()
     env.reset(seed=0)
     for name in EGOS:

@@ -62,7 +62,7 @@ def test_a_path_leads_through_the_plan_and_then_along_the_route():
     planned = route[1:4, :2] + [0.0, 0.5]
     path = path_ahead(np.array([0.0, 0.5, 0.0]), planned, route)
     assert np.isclose(path[1:4, 1:3], planned).all()
-    # Beside the route by what the plan ends beside it.
+    # Parallel to the route, at the offset of the plan's end.
     centre = np.array([0.0, 20.0])
     distances = np.linalg.norm(path[4:20, 1:3] - centre, axis=1)
     np.testing.assert_allclose(distances, np.linalg.norm(planned[-1] - centre), atol=0.05)

@@ -1,4 +1,4 @@
-"""Where everybody is, also those whom nobody sees at the moment."""
+"""Positions of all agents, hidden ones included."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ def truth(k):
 
 
 def observation(size, k, shown, goal=(0.0, 0.0)):
-    """What an observation without noise shows of two people, the ego standing still."""
+    """Observation without noise of two people, the ego standing still."""
     other = truth(k)[:size] if shown else np.full(size, np.nan)
     return np.concatenate([np.zeros(size), other, goal])
 
@@ -55,7 +55,7 @@ def test_who_is_seen_late_has_no_past(observed):
 
 
 def test_a_place_without_a_velocity_is_no_track():
-    """What predictors are shown never has an agent at rest only because it was just seen."""
+    """Histories for predictors have no agent at rest only because it was just observed."""
     env = crossing(observation="positions")
     env.reset(seed=0)
     policy = PredictThenPlan()

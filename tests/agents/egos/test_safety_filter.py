@@ -87,7 +87,7 @@ def test_it_keeps_a_reckless_walker_from_a_collision(seed):
 
 
 def test_the_filtered_policy_knows_what_was_done():
-    """Its estimate of its own state follows the replaced action, not its own."""
+    """Its state estimate follows the action that was applied, not the one it chose."""
     _, decisions, beliefs = walks(SafetyFilter(Reckless()), 0)
     first = next(k for k, d in enumerate(decisions) if d.intervention)
     for memory, truth in beliefs[first : first + 4]:

@@ -62,7 +62,7 @@ def test_others_matter_and_empty_places_do_not(name):
     )
     plain, _ = features_of(seen)
     noisy = plain._replace(past=plain.past.copy())
-    noisy.past[2:] = 7.0  # nobody is there
+    noisy.past[2:] = 7.0  # no agent
     said = [network(f).departure[:, :2] for f in (plain, noisy)]
     np.testing.assert_allclose(*said, atol=1e-5)
 
@@ -168,7 +168,7 @@ def test_a_training_that_was_interrupted_ends_the_same(tmp_path):
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        train(line, squared, data(0), data(1), tmp_path / "part", SCHEDULE, told=interrupt)
+        train(line, squared, data(0), data(1), tmp_path / "part", SCHEDULE, on_epoch=interrupt)
     again = train(line, squared, data(0), data(1), tmp_path / "part", SCHEDULE)
     assert again.curve == whole.curve
     assert packed(again.network) == packed(whole.network)
@@ -179,7 +179,8 @@ import sys, time
 from pathlib import Path
 from tests.agents.learned.test_learned import SCHEDULE, data, line, squared, train
 print("begun", flush=True)
-train(line, squared, data(0), data(1), Path(sys.argv[1]), SCHEDULE, told=lambda e: time.sleep(0.05))
+train(line, squared, data(0), data(1), Path(sys.argv[1]), SCHEDULE,
+      on_epoch=lambda e: time.sleep(0.05))
 """
 
 

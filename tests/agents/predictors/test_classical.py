@@ -39,7 +39,7 @@ def discs(seed):
 @given(st.integers(0, 10**6))
 @settings(deadline=None, max_examples=200)
 def test_velocities_in_both_half_planes_do_not_collide(seed):
-    """Van den Berg et al. (2011), section 3: each does half, nobody touches within the horizon."""
+    """Van den Berg et al. (2011), section 3: each does half, no two touch within the horizon."""
     away, (own, other), radius, random = discs(seed)
     horizon = random.uniform(0.5, 4.0)
     mine = half_plane(away, own, other, radius, horizon, DT)

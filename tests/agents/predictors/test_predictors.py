@@ -1,4 +1,4 @@
-"""What every registered predictor promises, and what simple ones predict exactly."""
+"""Properties of every registered predictor, and exact predictions of simple ones."""
 
 import numpy as np
 import pytest
@@ -65,7 +65,7 @@ def test_a_forecast_has_a_place_for_everybody(predictor):
         assert found.covariance.shape == (modes, AHEAD, 2, 2, 2)
         assert (np.linalg.eigvalsh(found.covariance) >= -1e-9).all()
     assert not found.fallback
-    # The first step begins where everybody was seen last.
+    # The first step begins at last observed positions.
     step = np.linalg.norm(found.most_likely[0] - history().states[-1, :, :2], axis=1)
     assert (step < 2.0 * 4.0 * DT).all()
 
@@ -104,7 +104,7 @@ def test_constant_turn_rate_stays_on_the_circle():
 
 
 def test_the_game_keeps_to_a_circle_that_nobody_is_near():
-    """Where nobody is in the way, a vehicle goes on as it did, seen late or from the beginning."""
+    """Without others a vehicle continues its motion, observed late or from the beginning."""
     for late in (0, 2):
         found = EncounterPredictor().predict(history(late=late), AHEAD)
         circle = ConstantTurnRatePredictor().predict(history(late=late), AHEAD)
@@ -118,7 +118,7 @@ def test_gammas_are_inferred_or_one():
     np.testing.assert_array_equal(fixed.gamma, [1.0, 1.0])
     np.testing.assert_array_equal(fixed.gamma_deviation, [0.0, 0.0])
     assert fixed.gamma_identifiable.all()
-    # Nobody is near, so that the data say nothing and the belief is what is left.
+    # No agent is near, so that the data have no information and the prior remains.
     np.testing.assert_allclose(free.gamma, [0.7, 1.0], atol=0.1)
 
 

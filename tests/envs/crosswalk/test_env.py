@@ -1,4 +1,4 @@
-"""What is particular to the crosswalk: arguments, options, motion, ends, behaviours."""
+"""Properties of the crosswalk alone: arguments, options, motion, ends, behaviours."""
 
 from __future__ import annotations
 
@@ -218,7 +218,7 @@ def test_closest_approach_is_that_of_fine_sampling(states, seed):
 
 
 def test_collision_inside_a_step_ends_the_episode():
-    """At both ends of the step the discs are apart; the acceleration brings them together."""
+    """At both ends of the step the discs do not overlap; the acceleration brings them together."""
     env = make(controlled="all", max_steps=1)
     states = np.array([[0.0, 0.0, 0.8, 0.0], [0.562, 0.0, -0.8, 0.0]])
     goals = np.array([[5.0, 5.0], [-5.0, 5.0]])

@@ -38,7 +38,7 @@ def one_by_one(count=COUNT, autoreset_mode="NextStep", **arguments):
 
 
 def to_goal(observations, players=2, size=4):
-    """Actions (float32) that walk to the goal, whoever stands there."""
+    """Actions (float32) that walk to the goal and evade no agent."""
     away = observations[:, -2:] - observations[:, :2]
     speed = observations[:, 2:4] if size == 4 else 0.0 * away
     return np.clip(4.0 * away - 3.0 * speed, -CONTROL_LIMIT, CONTROL_LIMIT).astype(np.float32)
@@ -50,7 +50,7 @@ def assert_same(mine, theirs, exact=1e-9, path=""):
         theirs = {name: v for name, v in theirs.items() if not name.lstrip("_").startswith("plan_")}
         assert mine.keys() == theirs.keys()
         for name in mine:
-            # Of solves that ended a hair apart: both are far below the tolerance.
+            # Of solves that ended at slightly different points: both are far below the tolerance.
             if name != "solver_residual":
                 assert_same(mine[name], theirs[name], exact, f"{path}/{name}")
         return
@@ -102,7 +102,7 @@ def test_seeds_and_options():
     assert not np.array_equal(first[0], first[1])
     second, _ = env.reset(seed=7)
     np.testing.assert_array_equal(first[:3], second[:3])
-    third, _ = env.reset()  # goes on with everybody's stream
+    third, _ = env.reset()  # continues with all environments' stream
     assert not np.array_equal(second, third)
     _, infos = env.reset(seed=7, options={"gamma": [0.9, 0.4]})
     np.testing.assert_array_equal(infos["gamma"], [[0.9, 0.4]] * COUNT)

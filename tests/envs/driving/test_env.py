@@ -1,4 +1,4 @@
-"""What is particular to driving: highway-env's vehicle, its drivers, recorded tracks."""
+"""Properties of driving alone: highway-env's vehicle, its drivers, recorded tracks."""
 
 from functools import partial
 
@@ -126,7 +126,7 @@ def test_recorded_tracks_are_followed():
 
 
 def test_every_car_its_own_driver():
-    """What each does is what it would do if all were driven so (here for one step)."""
+    """Each acts as it would if all were driven so (here for one step)."""
     controls, status, stages = {}, {}, {}
     same = ("receding", "receding")
     for behaviour in (("receding", "idm"), ("idm", "receding"), "idm", "receding", same):
@@ -195,7 +195,7 @@ def test_leaving_the_road_ends_the_episode():
 
 
 def test_several_scenes_live_side_by_side():
-    """Also in processes of their own, as vector environments have them."""
+    """Also in separate processes, as vector environments have them."""
     make = partial(gymnasium.make, "foresight/Driving-v0", behaviour="idm", **SHORT)
     alone = [make(scene=s) for s in SCENES]
     first = [env.reset(seed=5)[0] for env in alone]

@@ -1,4 +1,4 @@
-"""What is particular to the intersection: arguments, draws, ends, behaviours, pictures."""
+"""Properties of the intersection alone: arguments, draws, ends, behaviours, pictures."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def test_agents_and_spaces_follow_the_kinds():
 
 @pytest.mark.parametrize("count", [(1, 4), (4, 1), (4, 4)])
 def test_draws_at_the_limits_are_legal_and_around_the_published_situation(count):
-    """Nobody begins in somebody else or off the road, whatever is drawn."""
+    """No agent begins in another or off the road, whatever is drawn."""
     wide = JunctionRanges(along=3.0, place=1.0, speed=4.0, goal=10.0)
     world = intersection_world(*count, wide)
     for seed in range(60):

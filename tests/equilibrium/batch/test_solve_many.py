@@ -52,7 +52,7 @@ def test_every_game_is_what_solve_makes_of_it(size, threads):
 
 def test_games_that_fail_leave_the_others_alone():
     states, gamma = drawn(5)
-    states[2] = [[0.5, 1.0, 0.0, 0.0], [0.5, 1.0, 0.0, 0.0]]  # on top of each other: no way apart
+    states[2] = [[0.5, 1.0, 0.0, 0.0], [0.5, 1.0, 0.0, 0.0]]  # on top of each other: infeasible
     found = solve_many(crossing("hard"), states, crossing_theta(), gamma, batch_size=2, threads=1)
     assert found.status.tolist() == [0, 0, int(Status.INFEASIBLE), 0, 0]
     same(found, 3, solve(crossing("hard"), states[3], crossing_theta(), gamma[3]))

@@ -89,7 +89,7 @@ GAMES = {
 
 @dataclass(frozen=True)
 class Nameless:
-    """The same function, which does not say whom it tells apart."""
+    """The same function, which does not declare whom it distinguishes."""
 
     function: Any
 
@@ -122,7 +122,7 @@ def one_by_one(game: Game) -> Game:
             inequalities=tuple(
                 replace(c, function=Nameless(c.function)) for c in player.inequalities
             ),
-            # Equal dynamics are told apart, too.
+            # Equal dynamics are distinguished, too.
             dynamics=Numbered(player.dynamics, number),
         )
         for number, player in enumerate(game.players)

@@ -1,4 +1,4 @@
-"""What an equilibrium is: nobody's cost falls when that player alone changes its controls."""
+"""Nash equilibria: no player's cost falls when that player alone changes its controls."""
 
 import numpy as np
 import pytest

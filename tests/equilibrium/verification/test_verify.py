@@ -1,4 +1,4 @@
-"""`verify` tells equilibria from mere first-order points; random crosswalks are all solved."""
+"""`verify` distinguishes equilibria from first-order points; random crosswalks are all solved."""
 
 import os
 import subprocess

@@ -268,12 +268,12 @@ def test_a_setting_is_run_by_its_name(tmp_path):
 
 
 def test_an_unknown_ego(tmp_path):
-    result = call("run", "crosswalk", "--ego", "nobody", "--out", tmp_path / "out")
+    result = call("run", "crosswalk", "--ego", "nosuch", "--out", tmp_path / "out")
     assert result.exit_code == 2
-    assert "'nobody' is unknown; choose from oracle" in result.stderr
-    result = call("evaluate", "crosswalk", "--egos", "oracle,nobody", "--out", tmp_path / "out")
+    assert "'nosuch' is unknown; choose from oracle" in result.stderr
+    result = call("evaluate", "crosswalk", "--egos", "oracle,nosuch", "--out", tmp_path / "out")
     assert result.exit_code == 2
-    assert "'nobody' is unknown" in result.stderr
+    assert "'nosuch' is unknown" in result.stderr
     assert list(tmp_path.iterdir()) == []
 
 

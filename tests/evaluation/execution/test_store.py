@@ -55,7 +55,7 @@ def test_two_writers_lose_nothing(tmp_path, monkeypatch):
     mine.append([{"seed": 11, "x": 1}])
     assert [r["seed"] for r in mine.rows()] == [9, 10, 11]
     assert len(list(tmp_path.glob("part-*"))) == 3
-    # Whoever reads the folder without the study sees every trial once, too.
+    # A reader of the folder without the study finds every trial once, too.
     assert sorted((r["seed"], r["x"]) for r in read_results(tmp_path).rows if r["x"]) == [(11, 1)]
     assert len(read_results(tmp_path).rows) == 3
     assert not [name for name in names(tmp_path) if name.startswith(".")]

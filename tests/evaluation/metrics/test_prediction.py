@@ -30,7 +30,7 @@ def test_overlaps_along_the_step():
 
 
 def test_vehicles_are_boxes():
-    """A person 1.5 m from a car's middle is clear beside it, not in front of it."""
+    """A person 1.5 m from a car's middle is clear at its side, not in front of it."""
     history = still([[0.0, 0.0], [0.0, 1.5]], ("car", "pedestrian"), (1.0, 0.0))
     assert overlaps(history, history.states[-1:, :, :2]) == 0
     history = still([[0.0, 0.0], [1.5, 0.0]], ("car", "pedestrian"), (1.0, 0.0))

@@ -56,7 +56,7 @@ def test_shares_by_hand():
     found = share_interval(np.arange(10) < 2)
     assert found == pytest.approx((0.2, 0.0567, 0.5098), abs=1e-4)
     assert share_interval(np.zeros(6, bool)).high == pytest.approx(0.3903, abs=1e-4)
-    with pytest.raises(ValueError, match="happened: is empty"):
+    with pytest.raises(ValueError, match="outcomes: is empty"):
         share_interval(np.zeros(0, bool))
 
 

@@ -33,7 +33,7 @@ def test_displacement_by_hand():
     truth = np.zeros((2, 2, 2))
     predicted = np.array([[[3.0, 4.0], [0.0, 2.0]], [[1.0, 0.0], [9.0, 9.0]]])
     present = np.array([[True, True], [True, False]])
-    truth[1, 1] = np.nan  # not seen there, so nothing to compare with
+    truth[1, 1] = np.nan  # not observed there, so nothing to compare with
     average, final = displacement(predicted, truth, present)
     assert average == pytest.approx((5.0 + 2.0 + 1.0) / 3.0)
     assert final == pytest.approx((1.0 + 2.0) / 2.0)
@@ -145,7 +145,7 @@ def test_a_constant_error_is_its_own_average(truth, present, size, angle):
     if present.any():
         assert average == pytest.approx(size, abs=1e-9)
         assert final == pytest.approx(size, abs=1e-9)
-        # Whoever is absent does not count, wherever it is predicted.
+        # An absent agent does not count, wherever it is predicted.
         elsewhere = np.where(present[..., None], shifted, 1e9)
         assert displacement(elsewhere, truth, present) == (average, final)
     else:

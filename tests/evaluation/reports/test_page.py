@@ -49,7 +49,7 @@ class Tags(HTMLParser):
 
 
 def page_of(path):
-    """The text of a page that is well formed and asks nobody for anything."""
+    """The text of a page that is well formed and loads nothing from elsewhere."""
     text = path.read_text()
     tags = Tags()
     tags.feed(text)
@@ -250,7 +250,7 @@ def loop_results(rows):
 
 
 def test_one_setting_of_an_agent_is_told():
-    """The present one; where no row has it, or nobody knows it, the last that was stored."""
+    """The present one; where no row has it, or it is unknown, the last that was stored."""
     now = fingerprint(make_ego("infer-gamma"))
     told, left_out = present(loop_results([*loop_rows(now), *loop_rows("old")]))
     assert ({r["settings"] for r in told.rows}, left_out) == ({now}, 2)

@@ -1,4 +1,4 @@
-"""What the terminal shows: units survive, and gammas say when nothing is known of them."""
+"""Tables on the terminal: units survive, and unidentified gammas are marked."""
 
 import io
 from dataclasses import replace
@@ -19,7 +19,7 @@ from tests.support.made_rows import episode_rows, estimation_rows
 
 
 def shown(function, *arguments, width=80):
-    """What a function prints on a terminal of that width."""
+    """Output of a function on a terminal of that width."""
     console = Console(file=io.StringIO(), width=width)
     function(console, *arguments)
     return console.file.getvalue()
@@ -27,7 +27,7 @@ def shown(function, *arguments, width=80):
 
 @lru_cache
 def encounter(name="intersection_03"):
-    """Two agents; the second is not seen at the end."""
+    """Two agents; the second is not observed at the end."""
     truth = np.zeros((10, 2, 4))
     truth[:, :, 0] = 0.1 * np.arange(10)[:, None]
     present = np.ones((10, 2), bool)

@@ -122,7 +122,7 @@ def test_page_and_table(tmp_path):
 
 
 def test_simulated_windows_are_what_was_seen_and_what_happened():
-    """Noise is small beside motion, so that predictors meet the right agent in the right place."""
+    """Noise is small relative to motion: predictors get the right agent in the right place."""
     for place in ("crosswalk", "intersection"):
         windows = simulated_windows.simulated_windows(place, 5)
         assert windows

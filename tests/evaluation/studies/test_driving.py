@@ -1,4 +1,4 @@
-"""What the driving study makes of its rows."""
+"""Summaries of the driving study's rows."""
 
 import pytest
 

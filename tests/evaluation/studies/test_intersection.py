@@ -74,7 +74,7 @@ def test_the_published_window_is_loaded_as_published(folder):
     assert np.abs(np.diff(case.states[:, 2:, 3], axis=0)).max() < 2.0
     lanes = [p.costs[-1].lane for p in fitted_game(case, 28, 27).players[2:]]
     assert lanes == list(LANES[:2])
-    # Before it turns, nobody can know that it will.
+    # Before it turns, no method can predict the turn.
     assert fitted_game(case, 10, 27).players[2].costs[-1].lane in LANES[:2]
 
 
@@ -214,7 +214,7 @@ def test_a_small_study(folder, tmp_path, monkeypatch):
 
 
 def test_parts_of_the_region_that_a_car_was_seen_in_bind_no_car(folder):
-    """The made window lies on the road; moved beside it, its cars drop what one contradicts."""
+    """The made window lies on the road; moved off it, its cars drop what one contradicts."""
     case = load(Choice(folder, TRACKS, FRAMES, 6, "07"))
     assert not any(contradictions(case, len(case.states)).values())
     moved = np.array(case.states)

@@ -63,7 +63,7 @@ def test_a_window_is_what_was_recorded():
     "other",
     [
         walk("2", (0.0, -18.0), (0.0, 1.25), FRAMES),  # crosses 6 s later, never within 5 m
-        walk("2", (-10.0, 0.5), (1.25, 0.0), FRAMES),  # goes beside the other
+        walk("2", (-10.0, 0.5), (1.25, 0.0), FRAMES),  # passes next to the other
         walk("2", (0.0, -11.0), (0.0, 1.25), range(170, 400, 10)),  # is there too late to be seen
         walk("2", (0.0, -11.0), (0.0, 1.25), range(0, 130, 10)),  # has left by then
     ],
@@ -75,7 +75,7 @@ def test_who_does_not_interact(other):
 
 
 def test_groups_stay_small():
-    """Five people meet at the origin at once; they are taken apart, nobody is in two groups."""
+    """Five people meet at the origin at once; they are divided, no agent is in two groups."""
     angles = 2.0 * np.pi * np.arange(5) / 5
     made = recording(
         *(

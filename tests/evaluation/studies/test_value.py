@@ -1,4 +1,4 @@
-"""What the study of the value of information makes of its rows."""
+"""Summaries of the value-of-information study's rows."""
 
 from io import StringIO
 

@@ -121,7 +121,7 @@ def test_episodes_without_a_column_are_refused(tmp_path):
 
 
 def test_scenes_of_an_episode_are_what_happened(episodes):
-    """What is given was seen by then, with noise; what is to be said comes after, without."""
+    """Inputs are observed by then, with noise; targets come after, without."""
     row = episodes_in(episodes / "train", "train")[0]
     states = np.array(row["states"]).reshape(row["steps"] + 1, row["players"], 4)
     every = round(STEP_SECONDS / row["dt"])
@@ -191,7 +191,7 @@ def test_calibration_finds_the_factor():
 
     from agents.learned.features import Features
     from agents.learned.head import Futures
-    from evaluation.training.examples import Scenes
+    from evaluation.training.examples import Examples
 
     random = np.random.default_rng(0)
     target = random.normal(size=(200, 2, AHEAD, 2)).astype(np.float32)
@@ -202,7 +202,7 @@ def test_calibration_finds_the_factor():
         del seen
         return Futures(jnp.zeros((1, 2, AHEAD, 2)), jnp.full((1, 2, AHEAD, 2), 0.5), jnp.zeros(1))
 
-    data = Scenes(Features(*(blank for _ in Features._fields)), target, known)
+    data = Examples(Features(*(blank for _ in Features._fields)), target, known)
     assert calibration(network, data) == pytest.approx(2.0, rel=0.04)
 
 
