@@ -17,7 +17,12 @@ from jaxtyping import Float
 
 from agents.interfaces.predictor import Forecast, History, SceneGame
 from agents.predictors.encounter_fit import seen_states
-from agents.predictors.equilibrium_forecast import LEAST_STEPS, covariance_of, straight_on
+from agents.predictors.equilibrium_forecast import (
+    LEAST_STEPS,
+    covariance_of,
+    straight_on,
+    wandering,
+)
 from foresight_env.equilibrium import Solution, Status, shift, solve
 from foresight_env.games import Game, full_state, inside_bounds
 from foresight_env.inverse import (
@@ -31,9 +36,9 @@ from foresight_env.inverse import (
 
 LEAST_VARIANCE = 1e-6
 """Variance that noise-free observations are given, m^2: that of the egos' estimates."""
-REPLANNING_VARIANCE = 1e-3
-"""Variance of predicted positions that is added to that of the fit, m^2: agents re-plan, so they
-keep to the fitted equilibrium only roughly."""
+WANDER = 0.05
+"""Density of the white acceleration by which agents depart from the fitted equilibrium, m^2/s^3:
+they re-plan, and may play another one. Chosen by the likelihood on development seeds."""
 LEAST_SPREAD = 0.01
 """Least standard deviation of the prior of discount factors."""
 MISSED_STEP = 1e-6
@@ -71,7 +76,7 @@ class SceneGamePredictor:
         return Forecast(
             path[every - 1 :: every][None],
             np.ones(1),
-            covariance_of(found, rows)[None] + REPLANNING_VARIANCE * np.eye(2),
+            (covariance_of(found, rows) + wandering(WANDER, WANDER, history, steps))[None],
             found.gamma,
             found.gamma_deviation,
             found.gamma_identifiable,

@@ -114,7 +114,7 @@ def test_a_single_observation_and_a_failed_fit_fall_back(monkeypatch):
 
 
 def test_where_re_planning_fails_the_fitted_equilibrium_is_continued(monkeypatch):
-    history = dict(game_histories())["a crosswalk with its game"]
+    history = dict(game_histories())["a crosswalk with its game, unseen at times"]
     predictor = SceneGamePredictor()
     fitted = predictor.fit(history, STEPS)
     solve = scene_game.solve
