@@ -18,10 +18,12 @@ if TYPE_CHECKING:
         FunctionPredictor,
         History,
         Predictor,
+        SceneGame,
     )
     from agents.predictors.encounter import EncounterPredictor
     from agents.predictors.junction import JunctionPredictor
     from agents.predictors.kinematic import ConstantTurnRatePredictor, ConstantVelocityPredictor
+    from agents.predictors.scene_game import SceneGamePredictor
 
 _MODULES = {
     "ConstantTurnRatePredictor": "predictors.kinematic",
@@ -38,6 +40,8 @@ _MODULES = {
     "Oracle": "egos.oracle",
     "PredictThenPlan": "egos.predict_then_plan",
     "Predictor": "interfaces.predictor",
+    "SceneGame": "interfaces.predictor",
+    "SceneGamePredictor": "predictors.scene_game",
     "assume_gamma_1": "egos.infer_gamma",
     "constant_velocity": "egos.predict_then_plan",
 }
@@ -59,6 +63,8 @@ __all__ = [
     "Oracle",
     "PredictThenPlan",
     "Predictor",
+    "SceneGame",
+    "SceneGamePredictor",
     "assume_gamma_1",
     "constant_velocity",
     "make_ego",

@@ -12,12 +12,15 @@ expected. They test the interface, not the performance: `foresight benchmark` do
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import replace
+from itertools import chain
 from typing import Any
 
 import numpy as np
 
+from agents.egos.predict_then_plan import context_of
 from agents.interfaces.policy import EgoPolicy
-from agents.interfaces.predictor import History, Predictor
+from agents.interfaces.predictor import Context, History, Predictor
 from foresight_env.envs.crosswalk_v0 import parallel_env
 from foresight_env.games.kinds import kind_of
 
@@ -59,6 +62,34 @@ def histories() -> Iterator[tuple[str, History]]:
     yield "far from the origin", _straight([walking, late], people, about=(4000.0, -2500.0))
 
 
+def context_histories() -> Iterator[tuple[str, History]]:
+    """Named cases with a context: a car's route, and a crosswalk of two with its game."""
+    routes = tuple(
+        np.column_stack([along, np.full((60, 1), y), np.zeros((60, 2))])
+        for along, y in ((np.arange(-20.0, 40.0)[:, None], y) for y in (0.0, 3.5))
+    )
+    drive = _straight([np.array([6.0, 0.0]), np.array([1.2, 0.3])], ("car", "pedestrian"))
+    yield "a car on a route", replace(drive, context=Context(routes, np.array([3.0, 1.0])))
+    yield from game_histories()
+
+
+def game_histories() -> Iterator[tuple[str, History]]:
+    """Named cases of the environment crosswalk, with its game in the context."""
+    scene = parallel_env(controlled=(0,), planning_horizon=10, noise_std=0.05).scene
+    context = context_of(scene)
+    velocities, every = [np.array([-0.5, -0.6]), np.array([0.6, -0.5])], 4
+    walk = _straight(velocities, ("pedestrian", "pedestrian"), steps=4, dt=every * scene.dt)
+    walk.states[:, :, :2] += np.array([[2.0, 2.0], [0.0, -2.0]])
+    yield "a crosswalk with its game", replace(walk, context=context)
+    gaps = replace(walk, states=walk.states.copy(), context=context)
+    gaps.states[1, 0] = gaps.states[3, 1] = np.nan
+    yield "a crosswalk with its game, unseen at times", gaps
+    first = replace(
+        walk, states=walk.states[:1].copy(), headings=walk.headings[:1].copy(), context=context
+    )
+    yield "a crosswalk with its game, a single observation", first
+
+
 def _straight(
     velocities: list[np.ndarray],
     kinds: tuple[str, ...],
@@ -89,11 +120,13 @@ def check_predictor(
 
     Shapes, finite numbers, probabilities, covariances, that the history is left as it was, that the
     same history has the same forecast, and that forecasts are in the history's axes. `cases`: named
-    histories, default those of `histories`.
+    histories, default those of `histories`, without a context, and of `context_histories`. Of a
+    predictor that needs the game of the place: `game_histories`.
     """
     _check_name(predictor)
     _require(callable(getattr(predictor, "predict", None)), "predictor", "has no method `predict`")
-    for k, (case, history) in enumerate(histories() if cases is None else cases):
+    given = chain(histories(), context_histories()) if cases is None else cases
+    for k, (case, history) in enumerate(given):
         for steps in (1, 10) if k == 0 else (10,):
             before = [np.array(a) for a in (history.states, history.headings, history.extents)]
             found = predictor.predict(history, steps)

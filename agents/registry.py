@@ -67,6 +67,12 @@ PREDICTORS: dict[str, Callable[[], Predictor]] = {
     "idm": _entry("predictors.idm", "IdmPredictor"),
     **{name: _entry("learned.predictor", "LearnedPredictor", name) for name in FORECASTERS},
 }
+SCENE_PREDICTORS: dict[str, Callable[[], Predictor]] = {
+    "scene-game": _entry("predictors.scene_game", "SceneGamePredictor"),
+    "scene-game-gamma-1": _entry("predictors.scene_game", "SceneGamePredictor", infer=False),
+}
+"""Predictors that need the game of the place (`History.context.game`): in simulation only."""
+ALL_PREDICTORS = {**PREDICTORS, **SCENE_PREDICTORS}
 
 LEARNED = ("social-lstm", "transformer", *REACTIVE_EGOS)
 """Networks, which need the extra `learned`."""
@@ -127,12 +133,12 @@ def make_predictor(name: str) -> Predictor:
         from agents.interfaces.predictor import Predictor
 
         return _loaded("predictor", name, Predictor, "name and predict")
-    if name not in PREDICTORS:
+    if name not in ALL_PREDICTORS:
         raise ValueError(
-            f"predictor: {name!r} is unknown; choose from {', '.join(PREDICTORS)}, or your own as "
-            "module:Class"
+            f"predictor: {name!r} is unknown; choose from {', '.join(ALL_PREDICTORS)}, or your own "
+            "as module:Class"
         )
-    return PREDICTORS[name]()
+    return ALL_PREDICTORS[name]()
 
 
 def _required(function: Callable[..., Any]) -> list[str]:

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from agents import make_ego, make_predictor
-from agents.registry import CROSSWALK_EGOS, LEARNED, PREDICTORS
+from agents.registry import ALL_PREDICTORS, CROSSWALK_EGOS, LEARNED
 from evaluation.execution.local import results
 from evaluation.execution.trial import Attempt
 from foresight_env.datasets import open_recording, read_ucy
@@ -62,13 +62,13 @@ def test_only_what_is_used_is_required(without):
 def test_learned_agents(without):
     without("equinox")
     for name in LEARNED:
-        make = make_predictor if name in PREDICTORS else make_ego
+        make = make_predictor if name in ALL_PREDICTORS else make_ego
         with pytest.raises(MissingExtraError, match=rf"{name}: .*\[learned\]"):
             make(name)
     with pytest.raises(MissingExtraError, match=r"\[learned\]"):
         make_ego("transformer+plan")
-    for name in (set(PREDICTORS) | set(CROSSWALK_EGOS)) - set(LEARNED):
-        (make_predictor if name in PREDICTORS else make_ego)(name)
+    for name in (set(ALL_PREDICTORS) | set(CROSSWALK_EGOS)) - set(LEARNED):
+        (make_predictor if name in ALL_PREDICTORS else make_ego)(name)
 
 
 def test_recordings(without, tmp_path):

@@ -18,7 +18,7 @@ from agents.egos.checks import check_memory
 from agents.egos.perception import Perception
 from agents.egos.planning import Plan, plan_response
 from agents.interfaces.policy import Decision
-from agents.interfaces.predictor import Forecast, History, Predictor
+from agents.interfaces.predictor import Context, Forecast, History, Predictor, SceneGame
 from agents.predictors.kinematic import ConstantVelocityPredictor
 from foresight_env.annotations import no_type_check
 from foresight_env.envs.core.scene import Scene
@@ -121,7 +121,16 @@ def history_of(scene: Scene, track: tuple[Float[np.ndarray, "N 4"], ...]) -> His
         if isinstance(player.dynamics, Vehicle):
             headings[:, j] = states[:, j, 3]
     kinds = tuple("car" if isinstance(p.dynamics, Vehicle) else "pedestrian" for p in players)
-    return History(planar, headings, kinds, np.full((len(players), 2), np.nan), scene.dt)
+    extents = np.full((len(players), 2), np.nan)
+    return History(planar, headings, kinds, extents, scene.dt, context_of(scene))
+
+
+def context_of(scene: Scene) -> Context:
+    """Context of an environment for predictors: its routes and its game."""
+    game = None
+    if scene.population is not None:
+        game = SceneGame(scene.game, scene.population, scene.noise_std)
+    return Context(scene.routes, np.ones(len(scene.routes)), game)
 
 
 def planned_positions(

@@ -13,18 +13,37 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Bool, Float
 
+from foresight_env.envs.core.scene import Population
+from foresight_env.games.game import Game
 from foresight_env.games.kinds import check_kinds_of_agents
 
 
 @dataclass(frozen=True, eq=False)
+class SceneGame:
+    """Game that the agents of a history play, as far as any observer may know it.
+
+    It has no agent's own parameters, not even the observer's, which other predictors do not know.
+    """
+
+    game: Game
+    """Over the agents' planning horizon; its players are the agents of the history, in order."""
+    population: Population
+    """Prior of their parameters."""
+    noise_std: float
+    """Standard deviation of every observed coordinate, m and m/s."""
+
+
+@dataclass(frozen=True, eq=False)
 class Context:
-    """Static information about the place; predictors may ignore it."""
+    """Information about the place in addition to the tracks; predictors may ignore it."""
 
     routes: tuple[Float[np.ndarray, "_ _"], ...] = ()
     """Centre lines of vehicles' routes: (M, 4) points `[px, py, heading, curvature]`, 1 m apart (m,
     rad, 1/m). Where there is no map they are learned from earlier traffic."""
     frequencies: Float[np.ndarray, "R"] = field(default_factory=lambda: np.zeros(0))
     """How many vehicles took each route."""
+    game: SceneGame | None = None
+    """In simulated places the game that is played there; None in recordings."""
 
     def __post_init__(self) -> None:
         if self.frequencies.shape != (len(self.routes),):

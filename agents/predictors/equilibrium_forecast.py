@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from agents.interfaces.predictor import Forecast, History
 from agents.predictors.kinematic import ConstantVelocityPredictor
@@ -50,7 +50,7 @@ def equilibrium_forecast(
     return Forecast(
         path[None],
         np.ones(1),
-        (_covariance(found, future) + departures)[None],
+        (covariance_of(found, future) + departures)[None],
         found.gamma,
         found.gamma_deviation,
         found.gamma_identifiable,
@@ -72,9 +72,11 @@ def from_where_seen(forecast: Forecast, found: Estimate, history: History) -> Fo
     return replace(forecast, positions=forecast.positions + off)
 
 
-def _covariance(found: Estimate, future: slice) -> Float[np.ndarray, "P N 2 2"]:
-    """Covariance of predicted positions that the uncertain parameters leave."""
-    rates = found.state_jacobian[future]
+def covariance_of(
+    found: Estimate, rows: slice | Int[np.ndarray, "P"]
+) -> Float[np.ndarray, "P N 2 2"]:
+    """Covariance (m^2) that the uncertain parameters leave of positions in rows of the states."""
+    rates = found.state_jacobian[rows]
     begins = np.cumsum([0, *(s.shape[1] for s in found.solution.states)])[:-1]
     blocks = [rates[:, b : b + 2] for b in begins]
     return np.stack([np.einsum("tap,pq,tbq->tab", j, found.covariance, j) for j in blocks], axis=1)

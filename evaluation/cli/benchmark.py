@@ -7,9 +7,10 @@ from typing import Annotated
 
 import typer
 
-from agents.registry import PLANNED, check_extra
+from agents.registry import PLANNED, SCENE_PREDICTORS, check_extra
 from evaluation.cli.options import (
     ALL_EGO_NAMES,
+    ALL_PREDICTOR_NAMES,
     PREDICTOR_NAMES,
     ClusterOption,
     OutOption,
@@ -49,7 +50,11 @@ def benchmark(
         ),
     ] = "receding",
     predictors: Annotated[
-        str, typer.Option(help="Comma-separated names or module:Class; all, or empty for none.")
+        str,
+        typer.Option(
+            help="Comma-separated names or module:Class; all, or empty for none. Those that need "
+            f"the place's game ({', '.join(SCENE_PREDICTORS)}) are left out of the recordings."
+        ),
     ] = "all",
     egos: Annotated[
         str,
@@ -74,7 +79,7 @@ def benchmark(
     plan = Plan(
         listed("--scenarios", scenarios, PLACES) if scenarios else (),
         listed("--others", others, DRIVING_BEHAVIOURS),
-        _names("--predictors", predictors, PREDICTOR_NAMES),
+        _names("--predictors", predictors, ALL_PREDICTOR_NAMES),
         _names("--egos", egos, (*ALL_EGO_NAMES, *PLANNED_NAMES)),
         episodes,
     )

@@ -14,6 +14,7 @@ import typer
 
 from agents.registry import (
     ALL_EGOS,
+    ALL_PREDICTORS,
     CROSSWALK_EGOS,
     DRIVING_EGOS,
     EGOS,
@@ -30,6 +31,8 @@ DRIVING_EGO_NAMES = tuple(DRIVING_EGOS)
 CROSSWALK_EGO_NAMES = tuple(CROSSWALK_EGOS)
 ALL_EGO_NAMES = tuple(ALL_EGOS)
 PREDICTOR_NAMES = tuple(PREDICTORS)
+ALL_PREDICTOR_NAMES = tuple(ALL_PREDICTORS)
+"""With those that need the game of a simulated place."""
 EGO_HELP = (
     f"One of {', '.join(EGO_NAMES)}; PREDICTOR+plan, the same planner with any predictor; or your "
     "own as module:Class."

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Hashable, Sequence
 from pathlib import Path
 
+from agents.registry import SCENE_PREDICTORS
 from evaluation.execution.local import Workers
 from evaluation.execution.store import Row
 from evaluation.reports.benchmark_page import print_parts, write_page
@@ -32,14 +33,15 @@ def benchmark(
     """
     console = terminal()
     recorded: list[Row] = []
-    if data is not None and plan.predictors:
+    without_game = tuple(name for name in plan.predictors if name not in SCENE_PREDICTORS)
+    if data is not None and without_game:
         recorded = prediction.study(
-            out / "recorded", data, plan.predictors, split=split, workers=workers
+            out / "recorded", data, without_game, split=split, workers=workers
         )
     simulated = open_study(out / "open_loop", plan, workers=workers) if plan.predictors else []
     driven = closed_study(out / "closed_loop", plan, workers=workers) if plan.egos else []
     parts = (
-        *recorded_parts(recorded, plan.predictors),
+        *recorded_parts(recorded, without_game),
         *simulated_parts(simulated, plan),
         *driven_parts(driven, plan),
     )

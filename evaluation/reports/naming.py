@@ -21,6 +21,8 @@ COLOURS = {
     "assume-gamma-1": "#D55E00",
     "junction-game": "#0072B2",
     "junction-game-gamma-1": "#D55E00",
+    "scene-game": "#0077BB",
+    "scene-game-gamma-1": "#EE7733",
     "encounter-game": "#CC6677",
     "encounter-game-gamma-1": "#DDCC77",
     "constant-velocity": "#009E73",

@@ -202,7 +202,7 @@ def observed(
     players: int,
     noise_std: float,
 ) -> Float[np.ndarray, "size"]:
-    """Return the observation under a surprise; the ego's state and goal (last two) are unchanged."""
+    """Return the observation under a surprise; entries of the ego and its goal are unchanged."""
     sensor = SURPRISES[surprise].sensor
     if sensor is None:
         return observation

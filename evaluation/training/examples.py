@@ -21,7 +21,7 @@ from evaluation.windows.interaction import (
     Grid,
     split_of,
 )
-from foresight_env.datasets import Recording
+from foresight_env.datasets import Recording, observed_window
 
 LONG = 60.0
 """Recordings of more seconds than this are divided: their last `VALIDATION_PART` is kept from
@@ -101,25 +101,23 @@ def _moment(recording: Recording, grid: Grid, frame: int) -> Iterator[Examples]:
     if not names:
         return
     begin = frame - (grid.observed - 1) * grid.every
-    window = recording.window(names, begin, grid.observed + grid.predicted, grid.every)
-    now = window.states[grid.observed - 1, :, :2]
-    waiting = [
-        i for i in range(len(names)) if np.isfinite(window.states[grid.observed - 1, i]).all()
-    ]
+    window = observed_window(recording, names, begin, grid.observed, grid.every)
+    later = recording.window(names, frame + grid.every, grid.predicted, grid.every)
+    now = window.states[-1, :, :2]
+    waiting = [i for i in range(len(names)) if np.isfinite(window.states[-1, i]).all()]
     ready = list(waiting)
     while waiting:
         away = np.linalg.norm(now[ready] - now[waiting[0]], axis=1)
         group = [ready[k] for k in np.argsort(away, kind="stable") if away[k] <= REACH][:AGENTS]
         waiting = [i for i in waiting if i not in group]
-        known = slice(grid.observed)
         history = History(
-            window.states[known][:, group],
-            window.headings[known][:, group],
+            window.states[:, group],
+            window.headings[:, group],
             tuple(window.kinds[i] for i in group),
             window.extents[group],
             grid.dt,
         )
-        yield _one(history, window.states[grid.observed :][:, group, :2])
+        yield _one(history, later.states[:, group, :2])
 
 
 def simulated_scenes(row: Row) -> Iterator[Examples]:

@@ -27,7 +27,13 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from agents.interfaces.predictor import Context, History
-from foresight_env.datasets import Interaction, Recording, RouteMemory, closest_crossings
+from foresight_env.datasets import (
+    Interaction,
+    Recording,
+    RouteMemory,
+    closest_crossings,
+    observed_window,
+)
 
 STEP_SECONDS = 0.4
 """Target time between steps; UCY has exactly this, DUT is taken every tenth frame."""
@@ -124,20 +130,18 @@ def cut(
     """
     grid = Grid.of(recording)
     first = frame - (grid.observed - 1) * grid.every
-    window = recording.window(agents, first, grid.observed + grid.predicted, grid.every)
-    known = slice(grid.observed)
+    window = observed_window(recording, agents, first, grid.observed, grid.every)
+    later = recording.window(agents, frame + grid.every, grid.predicted, grid.every)
     known_routes = (routes or RouteMemory(recording)).before(frame)
     history = History(
-        window.states[known],
-        window.headings[known],
+        window.states,
+        window.headings,
         window.kinds,
         window.extents,
         grid.dt,
         Context(tuple(r.path for r in known_routes), np.array([r.frequency for r in known_routes])),
     )
-    return PredictionWindow(
-        recording.name, window.agents, frame, history, window.states[grid.observed :, :, :2]
-    )
+    return PredictionWindow(recording.name, window.agents, frame, history, later.states[..., :2])
 
 
 def interaction_windows(recording: Recording) -> tuple[PredictionWindow, ...]:

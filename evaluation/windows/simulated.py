@@ -14,6 +14,7 @@ import numpy as np
 from agents.egos.predict_then_plan import history_of
 from evaluation.rollout.episode import observed_states, run_episode
 from evaluation.rollout.places import setting_of
+from evaluation.rollout.setting import RunSetting
 from evaluation.windows.interaction import LEAST_OBSERVED, STEP_SECONDS, PredictionWindow
 
 PREDICTED_STEPS = 6
@@ -25,11 +26,22 @@ BETWEEN = 2
 
 @lru_cache(maxsize=8)
 def simulated_windows(place: str, seed: int) -> tuple[PredictionWindow, ...]:
-    """The windows of one episode with the ego "oracle"; `frame` counts the environment's steps.
+    """The windows of one episode at a place, `windows_of` its setting."""
+    return windows_of(setting_of(place), seed, place)
 
-    The history is noisy, with the environment's own noise; the truth is not.
+
+def windows_of(setting: RunSetting, seed: int, name: str) -> tuple[PredictionWindow, ...]:
+    """Return the windows of one episode with the ego "oracle"; `frame` counts steps.
+
+    The history is noisy, with the environment's own noise; the truth is not. Its context has the
+    place's routes and game.
+
+    Args:
+        setting: of the episode.
+        seed: of the episode.
+        name: of the place, for the windows.
     """
-    setting = replace(setting_of(place), safety_filter=False)
+    setting = replace(setting, safety_filter=False)
     episode = run_episode(setting, "oracle", seed)
     scene, places = episode.scene, episode.states[..., :2]
     every = max(1, round(STEP_SECONDS / scene.dt))
@@ -41,12 +53,10 @@ def simulated_windows(place: str, seed: int) -> tuple[PredictionWindow, ...]:
     for moment in range(first, len(places) - LEAST_PREDICTED * every, BETWEEN * every):
         rows = range(moment - first, moment + 1, every)
         plain = history_of(scene, tuple(seen[k] for k in rows))
-        history = type(plain)(
-            plain.states, plain.headings, plain.kinds, plain.extents, every * scene.dt
-        )
+        history = replace(plain, dt=every * scene.dt)
         ahead = moment + every * np.arange(1, PREDICTED_STEPS + 1)
         there = ahead < len(places)
         truth = np.full((PREDICTED_STEPS, scene.players, 2), np.nan)
         truth[there] = places[ahead[there]]
-        found.append(PredictionWindow(f"{place} {seed}", scene.names, moment, history, truth))
+        found.append(PredictionWindow(f"{name} {seed}", scene.names, moment, history, truth))
     return tuple(found)

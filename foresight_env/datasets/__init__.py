@@ -10,6 +10,7 @@ from foresight_env.datasets.dut import DUT_RATE, read_dut, write_dut
 from foresight_env.datasets.errors import RecordingError
 from foresight_env.datasets.ind import find_ind_recordings, read_ind, write_ind
 from foresight_env.datasets.interactions import Interaction, closest_crossings, find_interaction
+from foresight_env.datasets.observed import observed_window, past_velocities
 from foresight_env.datasets.reader import Format, open_recording, recordings_below
 from foresight_env.datasets.recording import Recording
 from foresight_env.datasets.routes import Route, RouteMemory, ahead_of, learned_routes, routes_at
@@ -32,7 +33,9 @@ __all__ = [
     "find_ind_recordings",
     "find_interaction",
     "learned_routes",
+    "observed_window",
     "open_recording",
+    "past_velocities",
     "read_dut",
     "read_ind",
     "read_ucy",

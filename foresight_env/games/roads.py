@@ -20,6 +20,8 @@ from foresight_env.games.types import AnyArray, Controls, Scalar, StageNumber, S
 from foresight_env.games.vectors import components, dot, squared_length
 
 Point = tuple[float, float]
+FINE = 0.1
+"""Distance of the points between which centre lines are interpolated, m."""
 
 
 @dataclass(frozen=True)
@@ -192,6 +194,37 @@ class Lane:
         The distance across the frame over `sqrt(1 + slope^2)`: exact for a straight lane.
         """
         return lane_offset(self.arrays, position)
+
+    def centre_line(self, begin: Point, end: Point) -> Float[np.ndarray, "M 4"]:
+        """Return the centre line between two places as points `[px, py, heading, curvature]`.
+
+        Args:
+            begin: a place next to its beginning, m.
+            end: a place next to its end, m; the headings lead from the beginning to the end.
+
+        Returns:
+            Points 1 m apart (m, m, rad, 1/m).
+        """
+        direction = np.array([np.cos(self.angle), np.sin(self.angle)])
+        first, last = (float(direction @ (np.array(p) - self.origin)) for p in (begin, end))
+        ahead = np.linspace(first, last, max(int(abs(last - first) / FINE), 1) + 1)
+        inside = np.clip(ahead, *self.reach)
+        line = np.asarray(self.coefficients, dtype=float)
+        slope = np.polyval(np.polyder(line), inside)
+        across = np.polyval(line, inside) + slope * (ahead - inside)
+        bend = np.where(ahead == inside, np.polyval(np.polyder(line, 2), inside), 0.0)
+        back = last < first
+        left = np.array([-direction[1], direction[0]])
+        fine = np.column_stack(
+            [
+                np.array(self.origin) + np.outer(ahead, direction) + np.outer(across, left),
+                self.angle + np.arctan(slope) + np.pi * back,
+                (-1.0 if back else 1.0) * bend / (1.0 + slope**2) ** 1.5,
+            ]
+        )
+        passed = np.cumsum(np.hypot(*np.diff(fine[:, :2], axis=0, prepend=fine[:1, :2]).T))
+        at = np.arange(0.0, passed[-1])
+        return np.stack([np.interp(at, passed, column) for column in fine.T], axis=1)
 
     @cached_property
     def arrays(self) -> LaneArrays:

@@ -13,6 +13,8 @@ from scipy.interpolate import make_lsq_spline
 from foresight_env.highway.axes import flipped_places
 
 LaneIndex = tuple[str, str, int]
+FINER = 1.0
+"""Distance between points of routes that predictors get, m."""
 SPACING = 2.0
 """Between the points of a path, m."""
 POINTS = 90
@@ -85,3 +87,14 @@ def _join(
     return np.asarray(
         basis[0] * before[-1] + basis[1] * leave + basis[2] * after[0] + basis[3] * arrive
     )
+
+
+def finer(path: Float[np.ndarray, "M 4"]) -> Float[np.ndarray, "L 4"]:
+    """Return a path with points `FINER` apart instead of `SPACING`, by linear interpolation.
+
+    Args:
+        path: (M, 4) `[px, py, heading, curvature]`, headings without jumps.
+    """
+    at = SPACING * np.arange(len(path))
+    along = np.arange(0.0, at[-1] + 0.5 * FINER, FINER)
+    return np.stack([np.interp(along, at, column) for column in path.T], axis=1)

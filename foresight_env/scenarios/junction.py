@@ -11,6 +11,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
 from foresight_env.games.game import Game
 from foresight_env.games.kinds import is_vehicle
@@ -65,6 +66,22 @@ _CARS = np.concatenate(
     [AACHEN.initial_state[2:], [(-12.1, 49.0, 6.0, _SOUTH.angle), (-31.0, 60.9, 5.0, 0.0)]]
 )
 _CAR_GOALS = np.array([(-33.0, 63.9), (-17.3, 43.0), (-7.4, 88.0), (3.0, 60.9)])
+
+
+BEFORE = 20.0
+"""Length of a car's route before its nominal start, m."""
+
+
+def junction_routes(cars: int) -> tuple[Float[np.ndarray, "_ 4"], ...]:
+    """Centre lines of the cars' routes up to their goals.
+
+    Points `[px, py, heading, curvature]`, 1 m apart (m, rad, 1/m).
+    """
+    found = []
+    for lane, car, goal in zip(LANES[:cars], _CARS, _CAR_GOALS, strict=False):
+        begin = car[:2] - BEFORE * np.array([np.cos(car[3]), np.sin(car[3])])
+        found.append(lane.centre_line((begin[0], begin[1]), (goal[0], goal[1])))
+    return tuple(found)
 
 
 def junction_kinds(pedestrians: int, cars: int) -> tuple[str, ...]:

@@ -7,19 +7,31 @@ import numpy as np
 import pytest
 
 from agents import PREDICTORS, Decision, make_ego, make_predictor
-from agents.conformance import ConformanceError, check_ego, check_predictor, histories
+from agents.conformance import (
+    ConformanceError,
+    check_ego,
+    check_predictor,
+    context_histories,
+    histories,
+)
 from agents.predictors.kinematic import ConstantVelocityPredictor
 from agents.registry import CROSSWALK_EGOS
 from foresight_env.envs.crosswalk_v0 import parallel_env
 
 PLAYING = ("encounter-game", "encounter-game-gamma-1", "kkt-residual", "particle-filter")
 """Predictors that compile a game for each set of classes and each horizon."""
-FEW = ("two pedestrians", "a single observation", "unseen at the end")
+FEW = (
+    "two pedestrians",
+    "a single observation",
+    "unseen at the end",
+    "a crosswalk with its game, a single observation",
+)
 
 
 @pytest.mark.parametrize("name", PREDICTORS)
 def test_every_registered_predictor_conforms(name):
-    chosen = [(case, h) for case, h in histories() if name not in PLAYING or case in FEW]
+    cases = (*histories(), *context_histories())
+    chosen = [(case, h) for case, h in cases if name not in PLAYING or case in FEW]
     check_predictor(make_predictor(name), chosen)
 
 
@@ -162,3 +174,19 @@ def test_what_is_wrong_with_an_ego_is_told(told):
 
 def test_any_environment_will_do():
     check_ego(Steady(), lambda: parallel_env(controlled=(1,), planning_horizon=10, players=2))
+
+
+def test_both_histories_with_and_without_a_context_are_cases():
+    without = [h.context for _, h in histories()]
+    assert all(c.game is None and not c.routes for c in without)
+    contexts = [h.context for _, h in context_histories()]
+    assert any(c.routes for c in contexts)
+    assert any(c.game is not None for c in contexts)
+
+
+def test_who_reads_a_context_that_may_be_missing_is_found():
+    def reading(found, history):
+        return replace(found, positions=found.positions + 0.0 * history.context.routes[0][0, 0])
+
+    with pytest.raises(IndexError):
+        check_predictor(Spoiled(reading))

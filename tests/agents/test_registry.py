@@ -7,7 +7,7 @@ from agents import FunctionPredictor, PredictThenPlan, make_ego, make_predictor
 from agents.egos.idm import Idm
 from agents.predictors.kalman import KalmanPredictor
 from agents.predictors.kinematic import ConstantVelocityPredictor
-from agents.registry import ALL_EGOS, PREDICTORS
+from agents.registry import ALL_EGOS, ALL_PREDICTORS
 
 SOURCE = """
 from agents.predictors.kalman import KalmanPredictor
@@ -62,12 +62,12 @@ def test_any_predictor_can_be_planned_with():
     assert isinstance(make_ego("constant-velocity").predictor, ConstantVelocityPredictor)
 
 
-@pytest.mark.parametrize("name", [*ALL_EGOS, *(f"{name}+plan" for name in PREDICTORS)])
+@pytest.mark.parametrize("name", [*ALL_EGOS, *(f"{name}+plan" for name in ALL_PREDICTORS)])
 def test_an_ego_has_the_name_that_it_is_registered_by(name):
     assert make_ego(name).name == name
 
 
-@pytest.mark.parametrize("name", PREDICTORS)
+@pytest.mark.parametrize("name", ALL_PREDICTORS)
 def test_a_predictor_has_the_name_that_it_is_registered_by(name):
     assert make_predictor(name).name == name
 

@@ -34,6 +34,25 @@ def test_a_circle_goes_through_its_points(a, b, c):
     np.testing.assert_allclose(gaps, 0.0, atol=1e-6 * max(1.0, circle.radius))
 
 
+@pytest.mark.parametrize(("begin", "end"), [((-5.0, 1.0), (45.0, 9.0)), ((45.0, 9.0), (-5.0, 1.0))])
+def test_a_centre_line_is_where_the_offset_is_0(begin, end):
+    along = np.linspace(0.0, 40.0, 30)
+    lane = Lane.fit(np.column_stack([along, 0.005 * along**2]))
+    line = lane.centre_line(begin, end)
+    offsets = [float(lane.offset(jnp.array(place))) for place in line[:, :2]]
+    np.testing.assert_allclose(offsets, 0.0, atol=1e-3)
+    np.testing.assert_allclose(line[0, :2], begin, atol=1.5)
+    steps = np.diff(line[:, :2], axis=0)
+    np.testing.assert_allclose(np.hypot(*steps.T), 1.0, atol=1e-3)
+    middle = 0.5 * (line[1:, 2] + line[:-1, 2])
+    turned = np.stack([np.cos(middle), np.sin(middle)], axis=1)
+    np.testing.assert_allclose(steps, turned, atol=2e-3)
+    # Within the points that the lane was fitted to, headings change as curvatures say.
+    inside = (line[1:, 0] > 1.0) & (line[1:, 0] < 39.0)
+    curvature = 0.5 * (line[1:, 3] + line[:-1, 3])
+    np.testing.assert_allclose(np.diff(line[:, 2])[inside], curvature[inside], atol=1e-4)
+
+
 def test_no_circle_through_a_line():
     with pytest.raises(ValueError, match="no circle goes through"):
         Circle.through((0.0, 0.0), (1.0, 1.0), (3.0, 3.0))

@@ -7,10 +7,17 @@ from foresight_env.envs.driving.world import driving_world, off_road
 from foresight_env.highway.axes import flipped_places
 from foresight_env.highway.networks import crossing
 from foresight_env.highway.ranges import DrivingRanges
-from foresight_env.highway.routes import POINTS, SPACING, Leg, path_along
+from foresight_env.highway.routes import POINTS, SPACING, Leg, finer, path_along
 from foresight_env.highway.scenes import MOST_CARS, SCENES, draw_driving
 
 ALL = [(name, k) for name in SCENES for k in range(MOST_CARS)]
+
+
+def test_finer_paths_are_the_same_line():
+    path = SCENES["roundabout"].paths[0]
+    fine = finer(path)
+    np.testing.assert_array_equal(fine[::2], path)
+    np.testing.assert_allclose(fine[1::2], 0.5 * (path[:-1] + path[1:]))
 
 
 @pytest.mark.parametrize(("name", "car"), ALL)

@@ -69,6 +69,8 @@ class WorldParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
             tuple(float(radius) for radius in world.goal_radius),
             world.footprints,
             world.opponent_prior,
+            world.population,
+            world.routes,
         )
         indices = self._scene.controlled
         factory = checks.check_behaviour(behaviour)

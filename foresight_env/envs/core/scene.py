@@ -105,6 +105,40 @@ GOALS = OpponentPrior(("goal",), (("goal", 3.0),), _stays)
 """Others have the ego's weights and unknown goals."""
 
 
+LEAST_DEVIATION = 1e-2
+"""Of an entry that does not differ between episodes (m, m/s)."""
+
+
+class Population(NamedTuple):
+    """Prior of a place's agents before any of them is observed.
+
+    It is what a network learns from episodes of other seeds: where agents of this place usually go,
+    with which weights, and in which range their discount factors lie.
+    """
+
+    theta: tuple[dict[str, Any], ...]
+    """Usual parameters, per player."""
+    deviation: tuple[tuple[str, float], ...]
+    """Standard deviations of the entries of `theta` that differ between episodes."""
+    gamma: tuple[float, float]
+    """Range of discount factors."""
+
+    @staticmethod
+    def drawn_uniformly(
+        theta: tuple[dict[str, Any], ...], name: str, largest: float, gamma: tuple[float, float]
+    ) -> Population:
+        """Return the prior where the entry `name` is at most `largest` off, uniformly.
+
+        Args:
+            theta: usual parameters, per player.
+            name: the entry that differs between episodes.
+            largest: its largest difference (m or m/s).
+            gamma: range of discount factors.
+        """
+        deviation = max(largest / np.sqrt(3.0), LEAST_DEVIATION)
+        return Population(theta, ((name, float(deviation)),), gamma)
+
+
 @dataclass(frozen=True)
 class Scene:
     """An environment as its agents may know it; a new one for each episode."""
@@ -125,6 +159,11 @@ class Scene:
     """Of all players: what they cover around their positions."""
     opponent_prior: OpponentPrior = field(default=GOALS, repr=False)
     """Prior of every agent about others."""
+    population: Population | None = field(default=None, repr=False)
+    """Prior of the place's agents; None where the scenario states none."""
+    routes: tuple[Float[np.ndarray, "_ 4"], ...] = field(default=(), repr=False)
+    """Centre lines of vehicles' routes: points `[px, py, heading, curvature]`, 1 m apart (m, rad,
+    1/m)."""
     _own: Mapping[int, Own] = field(default_factory=dict, repr=False)
 
     @property

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float
 
-from foresight_env.envs.core.scene import GOALS, OpponentPrior
+from foresight_env.envs.core.scene import GOALS, OpponentPrior, Population
 from foresight_env.envs.rendering.scenery import Scenery
 from foresight_env.games import Game
 from foresight_env.games.footprints import Footprint
@@ -48,6 +48,10 @@ class World:
     scenery: Scenery
     opponent_prior: OpponentPrior = GOALS
     """Prior of agents about others."""
+    population: Population | None = None
+    """Prior of the agents before any is observed."""
+    routes: tuple[Float[np.ndarray, "_ 4"], ...] = ()
+    """Centre lines of vehicles' routes: points `[px, py, heading, curvature]`, 1 m apart."""
     off_road: Callable[[Float[np.ndarray, "N n"]], Bool[np.ndarray, "N"]] = no_player
     """Agents that are off the road."""
 

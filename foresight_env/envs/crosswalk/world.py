@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
+from foresight_env.envs.core.scene import Population
 from foresight_env.envs.core.world import World
 from foresight_env.envs.rendering.scenery import ASPHALT, STRIPE, Scenery, rectangle
 from foresight_env.games.footprints import Footprint
@@ -57,7 +58,13 @@ def crosswalk_world(players: int, proximity: Proximity, ranges: Ranges) -> World
         goal_radius=np.full(players, GOAL_RADIUS),
         footprints=(Footprint(radius=0.5 * COLLISION_DISTANCE),) * players,
         scenery=SCENERY,
+        population=_population(players, ranges),
     )
+
+
+def _population(players: int, ranges: Ranges) -> Population:
+    usual = draw_crossing(np.random.default_rng(0), players, ranges._replace(goal=0.0))
+    return Population.drawn_uniformly(usual.theta, "goal", ranges.goal, ranges.gamma)
 
 
 def closest_approach(

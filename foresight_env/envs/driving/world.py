@@ -9,7 +9,7 @@ import numpy as np
 from highway_env.road.lane import AbstractLane, LineType
 from jaxtyping import Bool, Float
 
-from foresight_env.envs.core.scene import OpponentPrior
+from foresight_env.envs.core.scene import OpponentPrior, Population
 from foresight_env.envs.core.world import World
 from foresight_env.envs.rendering.scenery import ASPHALT, STRIPE, Polygon, Scenery
 from foresight_env.games.footprints import Footprint, Motion, least_gaps
@@ -17,6 +17,7 @@ from foresight_env.games.kinds import SIMULATED_CAR
 from foresight_env.highway.axes import flipped_places
 from foresight_env.highway.likely_route import likely_path, likely_paths
 from foresight_env.highway.ranges import DrivingRanges
+from foresight_env.highway.routes import finer
 from foresight_env.highway.scenes import DrivingScene, draw_driving
 from foresight_env.scenarios.driving import SPEED_LIMIT, driving_game
 
@@ -71,8 +72,15 @@ def driving_world(
             partial(_on_its_way, scene),
             partial(_on_possible_ways, scene),
         ),
+        population=_population(scene, cars, ranges),
+        routes=tuple(finer(path) for path in scene.paths),
         off_road=lambda states: off_road(scene, states),
     )
+
+
+def _population(scene: DrivingScene, cars: int, ranges: DrivingRanges) -> Population:
+    usual = draw_driving(np.random.default_rng(0), scene, cars, ranges._replace(speed=0.0))
+    return Population.drawn_uniformly(usual.theta, "target_speed", ranges.speed, ranges.gamma)
 
 
 def _on_its_way(

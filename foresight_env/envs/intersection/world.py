@@ -6,6 +6,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from foresight_env.envs.core.scene import Population
 from foresight_env.envs.core.world import World
 from foresight_env.envs.rendering.scenery import ASPHALT, PAVEMENT, STRIPE, Disc, Polygon, Scenery
 from foresight_env.games.footprints import Footprint, Motion, least_gaps
@@ -19,6 +20,7 @@ from foresight_env.scenarios.junction import (
     draw_junction,
     junction_game,
     junction_kinds,
+    junction_routes,
 )
 
 WALKING_GOAL_RADIUS, DRIVING_GOAL_RADIUS = 1.0, 3.0
@@ -75,8 +77,15 @@ def intersection_world(pedestrians: int, cars: int, ranges: JunctionRanges) -> W
         goal_radius=np.where(walks, WALKING_GOAL_RADIUS, DRIVING_GOAL_RADIUS),
         footprints=footprints,
         scenery=_scenery(),
+        population=_population(pedestrians, cars, ranges),
+        routes=junction_routes(cars),
         off_road=lambda states: off_road(states, walks),
     )
+
+
+def _population(pedestrians: int, cars: int, ranges: JunctionRanges) -> Population:
+    usual = draw_junction(np.random.default_rng(0), pedestrians, cars, ranges._replace(goal=0.0))
+    return Population.drawn_uniformly(usual.theta, "goal", ranges.goal, ranges.gamma)
 
 
 def off_road(

@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import pytest
 
-from agents.registry import DRIVING_EGOS, PREDICTORS, make_ego, make_predictor
+from agents.registry import ALL_PREDICTORS, DRIVING_EGOS, make_ego, make_predictor
 from evaluation.execution.provenance import fingerprint
 
 
-@pytest.mark.parametrize("name", PREDICTORS)
+@pytest.mark.parametrize("name", ALL_PREDICTORS)
 def test_settings_are_in_it(name):
     found = fingerprint(make_predictor(name))
     assert found == fingerprint(make_predictor(name))

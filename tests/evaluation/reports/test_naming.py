@@ -4,11 +4,11 @@ import re
 
 import pytest
 
-from agents.registry import CROSSWALK_EGOS, DRIVING_EGOS, PREDICTORS
+from agents.registry import ALL_PREDICTORS, CROSSWALK_EGOS, DRIVING_EGOS
 from evaluation.reports.naming import COLOURS, colour_of, label_of
 
 
-@pytest.mark.parametrize("names", [PREDICTORS, DRIVING_EGOS, CROSSWALK_EGOS])
+@pytest.mark.parametrize("names", [ALL_PREDICTORS, DRIVING_EGOS, CROSSWALK_EGOS])
 def test_registered_agents_have_colours_of_their_own(names):
     assert set(names) <= set(COLOURS)
     found = [colour_of(name) for name in names]

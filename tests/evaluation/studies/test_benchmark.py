@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 from agents.interfaces.predictor import History, single
 from evaluation.cli.app import app
 from evaluation.cli.benchmark import PLANNED_NAMES
+from evaluation.reports import benchmark as benchmark_report
 from evaluation.reports.benchmark_page import print_parts, write_page
 from evaluation.reports.benchmark_results import closed_part, common, open_part, write_csv
 from evaluation.studies import benchmark as benchmark_study
@@ -135,6 +136,34 @@ def test_simulated_windows_are_what_was_seen_and_what_happened():
         cars = [k == "car" for k in windows[0].history.kinds]
         assert any(cars) == (place == "intersection")
         assert np.isfinite(windows[0].history.headings[:, cars]).all()
+
+
+@pytest.mark.parametrize("place", ["crosswalk", "intersection", "merge"])
+def test_contexts_have_the_place_s_game_and_routes(place):
+    window = simulated_windows.simulated_windows(place, 5)[0]
+    context, now = window.history.context, window.history.states[-1]
+    assert len(context.game.game.players) == len(window.agents)
+    names = {name for name, _ in context.game.population.deviation}
+    assert all(names <= set(theta) for theta in context.game.population.theta)
+    for i, kind in enumerate(window.history.kinds):
+        if kind == "car":
+            away = [np.hypot(*(route[:, :2] - now[i, :2]).T).min() for route in context.routes]
+            assert min(away) < 1.5
+    for route in context.routes:
+        steps = np.hypot(*np.diff(route[:, :2], axis=0).T)
+        np.testing.assert_allclose(steps, 1.0, atol=0.05)
+
+
+def test_predictors_that_need_a_game_are_left_out_of_recordings(tmp_path, monkeypatch):
+    asked = []
+    monkeypatch.setattr(
+        benchmark_report.prediction, "study", lambda out, data, names, **more: asked.append(names)
+    )
+    monkeypatch.setattr(benchmark_report, "recorded_parts", lambda rows, names: [])
+    for names in (("kalman", "scene-game"), ("scene-game",)):
+        plan = Plan((), (), names, (), 1)
+        benchmark_report.benchmark(plan, tmp_path, "test", 0, tmp_path / "out")
+    assert asked == [("kalman",)]
 
 
 class Straight:
