@@ -20,11 +20,12 @@ from evaluation.execution.runner import run_trials
 from evaluation.execution.store import Row, Store, Trial
 from evaluation.metrics.statistics import Interval, mean_interval
 from evaluation.metrics.trajectory import at_fault
-from evaluation.rollout.endings import COLLISION, HARM, OFF_ROAD, REACHED, ending
+from evaluation.rollout.endings import COLLISION, OFF_ROAD, REACHED, ending
 from evaluation.rollout.episode import Episode, run_episode, warm_up
 from evaluation.rollout.places import SETTINGS
 from evaluation.rollout.setting import RunSetting
 from evaluation.rollout.surprises import SURPRISES
+from evaluation.studies.value_summary import harmed, time_to_goal
 from foresight_env.games.motion import planar_velocity
 
 KEY = ("setting", "surprise", "ego", "settings", "seed")
@@ -145,8 +146,7 @@ def summarise(rows: Sequence[Row], setting: str, surprise: str, ego: str) -> Sum
     good = [r for r in mine if not r["error"]]
     if not good:
         return None
-    costs = np.array([r["cost"] for r in good if r["ended"] not in HARM])
-    times = np.array([r["time"] if r["ended"] == REACHED else r["time_limit"] for r in good])
+    costs = np.array([r["cost"] for r in good if not harmed(r)])
     return Summary(
         len(good),
         sum(r["ended"] == COLLISION for r in good),
@@ -155,7 +155,7 @@ def summarise(rows: Sequence[Row], setting: str, surprise: str, ego: str) -> Sum
         sum(r["ended"] == REACHED for r in good),
         sum(r["interventions"] for r in good) / sum(r["steps"] for r in good),
         mean_interval(costs) if len(costs) else None,
-        mean_interval(times),
+        mean_interval(np.array([time_to_goal(r) for r in good])),
         float(np.percentile(np.concatenate([r["latencies"] for r in good]), 99)),
         len(mine) - len(good),
     )
