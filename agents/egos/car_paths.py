@@ -13,11 +13,13 @@ from foresight_env.games import Dynamics
 from foresight_env.precision import in_double_precision
 
 LEAST_SPACING = 0.2
-"""Between points of a path, m: closer ones give no direction."""
+"""Least distance between points of a path, m: closer ones give no direction."""
 STRAIGHT_ON = 200.0
 """Length by which a path is extended, m."""
+ARC_LENGTH = 40
+"""Length of the arc that a steering angle leads along, m."""
 SWERVE_SPACING = 1.0
-"""Between points of a swerve, m."""
+"""Distance between points of a swerve, m."""
 ANGLES = 25
 """Steering angles of which the curvature is computed, to be interpolated."""
 LEAST_ACCELERATION = 1e-9
@@ -112,14 +114,27 @@ def covered_distance(
     changing = np.abs(accelerations) > LEAST_ACCELERATION
     rate = np.where(changing, accelerations, 1.0)
     final = np.where(changing, np.where(rate > 0.0, max(fastest, speed), 0.0), speed)
+    final = np.where(np.isfinite(final), final, np.finfo(float).max)
     until = np.where(changing, (final - speed) / rate, np.inf)[:, None]
     during = np.minimum(times, until)
     found: Float[np.ndarray, "M T"] = (
         speed * during
         + 0.5 * accelerations[:, None] * during**2
-        + final[:, None] * (times - during)
+        # No time is left where a speed never ends.
+        + np.where(times > until, final[:, None] * (times - during), 0.0)
     )
     return found
+
+
+def arc_ahead(
+    dynamics: Dynamics, state: Float[np.ndarray, "4"], steering: float
+) -> Float[np.ndarray, "K 2"]:
+    """Positions, a metre apart, of a vehicle `[px, py, v, psi]` that keeps its second control."""
+    slip, curvature = (float(v[0]) for v in _arcs(dynamics, np.array([steering])))
+    # Headings in the middle of each metre.
+    headings = state[3] + slip + curvature * (np.arange(ARC_LENGTH) + 0.5)
+    steps = np.stack([np.cos(headings), np.sin(headings)], axis=1)
+    return np.asarray(state[:2] + np.cumsum(steps, axis=0))
 
 
 def pursuit(

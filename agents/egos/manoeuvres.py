@@ -12,7 +12,14 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from agents.egos.car_paths import along, covered_distance, path_ahead, pursuit, swerved
+from agents.egos.car_paths import (
+    along,
+    arc_ahead,
+    covered_distance,
+    path_ahead,
+    pursuit,
+    swerved,
+)
 from agents.interfaces.policy import Decision
 from foresight_env.envs.core.scene import Scene
 from foresight_env.games import Bounds, Vehicle
@@ -20,6 +27,10 @@ from foresight_env.games.kinds import PEDESTRIAN
 
 DIRECTIONS = 16
 """Evenly spaced, in which a walker may evade."""
+USUAL_LIMITS = np.array([5.0, 0.6])
+"""Limits of acceleration (m/s^2) and steering (rad) of cars whose game has none."""
+OFF_PATH = np.array([0.25, 0.1])
+"""Distance (m) and angle (rad) from its kept path beyond which a car cannot continue it."""
 LEVELS = 5
 """Accelerations of a car, evenly spaced between its limits."""
 SWERVES = (0.0, 1.5, -1.5)
@@ -32,7 +43,7 @@ AIM_TIME, LEAST_AIM = 0.6, 4.0
 """Seconds, but at least m, ahead of the place that a swerving car steers to."""
 
 
-Backup = Float[np.ndarray, "L 4"] | None
+Backup = Float[np.ndarray, "_ 4"] | None
 """Path (`path_ahead`) of a car's evasive manoeuvre, which its later decisions may continue: those
 along their plan change with the plan. Walkers' manoeuvres are the same at every decision."""
 
@@ -43,7 +54,7 @@ class Manoeuvres(NamedTuple):
     controls: Float[np.ndarray, "M m"]
     """First controls of the manoeuvres that begin now."""
     now: Float[np.ndarray, "M T 3"]
-    """Poses of these."""
+    """Poses of the manoeuvres that begin now, m and rad."""
     later: Float[np.ndarray, "L T 3"]
     """Poses of manoeuvres that begin after a step with the decision's action; one continues it."""
     now_margin: Float[np.ndarray, "M"]
@@ -148,6 +159,19 @@ def velocities(
     return np.concatenate([np.zeros((1, 2)), away * speeds[:, None]])
 
 
+def _on(path: Float[np.ndarray, "L 4"], pose: Float[np.ndarray, "3"]) -> bool:
+    """Whether a car at the pose is on the path."""
+    along_each = np.diff(path[:, 1:3], axis=0)
+    lengths = np.maximum(np.hypot(*along_each.T), 1e-9)
+    away = pose[:2] - path[:-1, 1:3]
+    part = np.clip(np.sum(away * along_each, axis=1) / lengths**2, 0.0, 1.0)
+    distances = np.hypot(*(away - part[:, None] * along_each).T)
+    nearest = int(np.argmin(distances))
+    heading = float(np.arctan2(along_each[nearest, 1], along_each[nearest, 0]))
+    turn = abs(float(np.mod(pose[2] - heading + np.pi, 2.0 * np.pi) - np.pi))
+    return bool(distances[nearest] <= OFF_PATH[0] and turn <= OFF_PATH[1])
+
+
 def _driving(
     scene: Scene,
     ego: int,
@@ -158,21 +182,26 @@ def _driving(
 ) -> Manoeuvres:
     player, dt = scene.game.players[ego], scene.dt
     action = decision.action.astype(float)
-    low, high = limits(player.control_bounds, 2)
+    low, high = (
+        np.where(np.isfinite(found), found, sign * USUAL_LIMITS)
+        for sign, found in zip((-1.0, 1.0), limits(player.control_bounds, 2), strict=True)
+    )
     fastest = float(limits(player.state_bounds, 4)[1][2])
     pose, route = state[[0, 1, 3]], scene.own(ego).theta.get("path")
-    planned = path_ahead(
-        pose,
-        np.zeros((0, 2)) if decision.planned is None else decision.planned,
-        None if route is None else route[:, :3],
-    )
     speed = max(float(state[2]), 0.0)
+    if decision.planned is None:
+        ahead, beyond = arc_ahead(player.dynamics, state, float(action[1])), None
+    else:
+        ahead, beyond = decision.planned, None if route is None else route[:, :3]
+    planned = path_ahead(pose, ahead, beyond)
     after = float(np.clip(speed + dt * action[0], 0.0, fastest))
     step = 0.5 * dt * (speed + after)
     length = max(SWERVE_TIME * speed, LEAST_SWERVE)
-    paths = [swerved(planned, offset, step, length) for offset in SWERVES]
-    if backup is not None:
-        paths.append(path_ahead(pose, backup[:, 1:3], None))
+    # An ego without a plan may never begin a swerve.
+    swerves = SWERVES if decision.planned is not None else SWERVES[:1]
+    paths = [swerved(planned, offset, step, length) for offset in swerves]
+    if backup is not None and _on(backup, pose):
+        paths.append(path_ahead(pose, backup[:-1, 1:3], None))
 
     aim = np.full((1, 1), max(AIM_TIME * speed, LEAST_AIM))
     steering = [action[1]]

@@ -25,7 +25,7 @@ class Clearances(NamedTuple):
     """Gaps (m) of M motions at T times to the nearest other agent."""
 
     expected: Float[np.ndarray, "M T"]
-    """Others keep their course; cars behind the ego brake as hard as they can."""
+    """Others keep their course; cars behind a driving ego brake with the bound's acceleration."""
     worst: Float[np.ndarray, "M T"]
     """Others depart from it with the bound's acceleration, whichever way is worst."""
 
@@ -87,7 +87,8 @@ def _reachable(
         poses = np.concatenate([places, np.zeros((len(times), 1))], axis=1)[None]
         return poses, 0.5 * acceleration * times**2
     cases = np.array([0.0, -1.0, 1.0]) * acceleration
-    if _behind(states[perception.ego], state):
+    drives = isinstance(perception.scene.game.players[perception.ego].dynamics, Vehicle)
+    if drives and _behind(states[perception.ego], state):
         cases = np.array([-acceleration])
     fastest = float(limits(player.state_bounds, 4)[1][2])
     covered = covered_distance(max(float(state[2]), 0.0), cases, fastest, times)

@@ -3,7 +3,8 @@
 An action passes if, after it, some evasive manoeuvre (`manoeuvres`) keeps the ego clear of all
 others for some time, whatever these do within a bound of their acceleration (`reachable`).
 Otherwise the clear manoeuvre nearest to the action replaces it, or the one with the least
-violation if none is clear.
+violation if none is clear and it is better than the action by more than noise. A car's action is
+taken to follow its plan. While an agent was never observed, all actions pass.
 
 Compare responsibility-sensitive safety (Shalev-Shwartz, Shammah and Shashua, "On a formal model of
 safe and scalable self-driving cars", 2017) and predictive safety filters (Wabersich and Zeilinger,
@@ -34,7 +35,8 @@ CHECK_STEP = 0.05
 LEAST_MARGIN = 0.02
 """Clearance (m) that is always required: poses are checked at discrete times."""
 GAIN = 0.005
-"""By how much less (m) a manoeuvre must violate the clearance than the plan, if none is clear."""
+"""Least difference of weighted violations (m) by which a manoeuvre must be better than the plan, if
+none is clear: smaller ones are noise."""
 
 
 CONTACT = 10.0
@@ -43,7 +45,7 @@ is clear of all that they may do, the ego first avoids what they are about to do
 
 
 class FilterBounds(NamedTuple):
-    """Assumptions of the filter; benchmark `safety` derives them."""
+    """Assumptions of the filter, chosen on development seeds of the study `safety`."""
 
     horizon: float
     """For how long the ego must be able to stay clear, s."""

@@ -146,7 +146,7 @@ def evaluate_safety(
         str,
         typer.Option(
             help="What the egos do not expect, comma-separated, or all: none; gamma-change (in "
-            "mid-episode); ignores-ego (one agent does); social-force, idm (others that play no "
+            "mid-episode); ignores-others (one agent does); social-force, idm (others that play no "
             "game); dropouts, outliers (of the sensor). Where it cannot occur it is left out."
         ),
     ] = "none,idm",

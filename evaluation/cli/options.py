@@ -139,7 +139,7 @@ NoiseOption = Annotated[
 SafetyFilterOption = Annotated[
     bool,
     typer.Option(
-        help="Replace the egos' actions that leave no way out; the same filter for all egos."
+        help="Replace actions after which an ego could no longer evade; the same for all egos."
     ),
 ]
 WorkersOption = Annotated[

@@ -180,7 +180,7 @@ def _closed_loop(results: Results, notes: Console) -> Section:
         observation=configuration["observation"],
         noise_std=configuration["noise_std"],
         behaviour=configuration["behaviour"],
-        safety_filter=configuration["safety_filter"],
+        safety_filter=configuration.get("safety_filter", False),
     )
     chosen = _chosen(rows, lambda r: bool(r["collision"]))
     found.episodes += [Watched(r["ego"], r["seed"], setting, "Crosswalk", w) for r, w in chosen]
@@ -205,7 +205,9 @@ def _driving(results: Results, notes: Console) -> Section:
                 f"{where}: distances to others and to the goal over time",
             )
             mine = [r for r in rows if (r["scene"], r["others"]) == (scene, other)]
-            setting = DrivingConfiguration(**configuration).of(scene, other)
+            setting = DrivingConfiguration(**{"safety_filter": False, **configuration}).of(
+                scene, other
+            )
             title = where[0].upper() + where[1:]
             chosen = _chosen(mine, lambda r: r["ended"] == COLLISION, most=1)
             found.episodes += [Watched(r["ego"], r["seed"], setting, title, w) for r, w in chosen]
@@ -242,7 +244,7 @@ def _safety(results: Results, notes: Console) -> Section:
     surprises = tuple(name for name in SURPRISES if name in _names(rows, "surprise"))
     print_safety(notes, rows, settings, surprises, egos)
     found = Section("Safety: harm, and what avoiding it costs", results)
-    filtered = bool(results.configuration["safety_filter"])
+    filtered = bool(results.configuration.get("safety_filter", False))
     for setting in settings:
         for surprise in surprises:
             mine = [r for r in rows if (r["setting"], r["surprise"]) == (setting, surprise)]

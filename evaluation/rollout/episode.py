@@ -77,7 +77,7 @@ class Episode(NamedTuple):
 
     @property
     def counts(self) -> dict[str, int]:
-        """Failed plans and fits of the ego, and failed solves of the others' game."""
+        """Failed plans and fits of the ego, interventions of its filter, others' failed solves."""
         return {
             "failed_plans": sum(s.decision.plan_fallback for s in self.steps),
             "interventions": sum(s.decision.intervention for s in self.steps),

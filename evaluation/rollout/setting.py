@@ -22,6 +22,8 @@ OTHERS_GAMMA = (0.3, 1.0)
 """Range of the others' discount factors at the crosswalk and the intersection."""
 MAX_STEPS = 100
 """Steps after which an episode at the crosswalk is truncated."""
+NO_TRUTH = ("social-force", "gamma-change")
+"""Surprises under which others have no discount factor, or none for the whole episode."""
 EGO_CAR = 0
 """The ego's in driving, whose manoeuvre the scene is named after."""
 
@@ -63,6 +65,11 @@ class RunSetting:
             raise ValueError(
                 f"surprise: {self.surprise!r} does not occur in the scenario {self.scenario}"
             )
+        if self.behaviour != "receding" and SURPRISES[self.surprise].behaviour != "receding":
+            raise ValueError(
+                f"surprise: {self.surprise!r} has a behaviour; expected behaviour 'receding', not "
+                f"{self.behaviour!r}"
+            )
         if self.scenario == "intersection" and self.players is not None:
             raise ValueError("--players: the intersection has two pedestrians and two cars")
 
@@ -76,10 +83,10 @@ class RunSetting:
     def true_gammas(self, info: Mapping[str, Any]) -> Float[np.ndarray, "N"]:
         """Every agent's discount factor by an environment's `info`.
 
-        NaN of those who have none: highway-env's vehicles play no game.
+        NaN of agents that have none, as highway-env's vehicles, or not the same all the time.
         """
         found = np.array(info["gamma"], dtype=float)
-        if "idm" in (self.behaviour, self.behaviour_of_others):
+        if "idm" in (self.behaviour, self.behaviour_of_others) or self.surprise in NO_TRUTH:
             found[EGO_CAR + 1 :] = np.nan
         return found
 

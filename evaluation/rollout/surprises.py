@@ -32,8 +32,8 @@ CHANGE_TIME = 1.0
 """Time at which discount factors change, s: agents are about to meet."""
 LONG_SIGHT, SHORT_SIGHT = 0.95, 0.4
 """Discount factors after the change, of those that were below and above the middle of the two."""
-IGNORING = 1
-"""Player that ignores the ego; the ego is player 0."""
+EGO, IGNORING = 0, 1
+"""The ego in the scenarios with these surprises, and the player that ignores all others."""
 FAR = 1e3
 """Coordinates of an ignored agent, m."""
 PACE = 0.8
@@ -75,12 +75,13 @@ class ChangingGamma(Receding):
         if self._steps == self._change and self._episode is not None:
             middle = 0.5 * (LONG_SIGHT + SHORT_SIGHT)
             gamma = np.where(self._episode.gamma < middle, LONG_SIGHT, SHORT_SIGHT)
+            gamma[EGO] = self._episode.gamma[EGO]
             self._episode = self._episode._replace(gamma=gamma)
         return controls
 
 
-class IgnoringEgo(Receding):
-    """Re-plans at every step; the player `IGNORING` moves as if it were alone."""
+class IgnoringOthers(Receding):
+    """Re-plans at every step; the player `IGNORING` moves as if it were alone: it ignores all."""
 
     def __init__(self, setting: BehaviourSetting) -> None:
         super().__init__(setting)
@@ -185,8 +186,8 @@ def _outliers(
 ANYWHERE = ("crosswalk", "intersection", "driving")
 SURPRISES: dict[str, Surprise] = {
     "none": Surprise(ANYWHERE),
-    "gamma-change": Surprise(ANYWHERE, ChangingGamma),
-    "ignores-ego": Surprise(("crosswalk", "driving"), IgnoringEgo),
+    "gamma-change": Surprise(("crosswalk", "driving"), ChangingGamma),
+    "ignores-others": Surprise(("crosswalk", "driving"), IgnoringOthers),
     "social-force": Surprise(("crosswalk",), SocialForce),
     "idm": Surprise(("driving",), "idm"),
     "dropouts": Surprise(ANYWHERE, sensor=_dropouts),

@@ -51,6 +51,11 @@ def test_covered_distance_is_the_integral_of_the_speed(acceleration):
     np.testing.assert_allclose(found, np.interp(times, grid, integral), atol=1e-6)
 
 
+def test_a_car_without_a_speed_limit_only_accelerates():
+    found = covered_distance(5.0, np.array([-1.0, 0.0, 2.0]), np.inf, np.array([1.0, 2.0]))
+    np.testing.assert_allclose(found, [[4.5, 8.0], [5.0, 10.0], [6.0, 14.0]])
+
+
 def circle(radius=20.0, points=60):
     angle = np.arange(points) * 2.0 / radius
     places = radius * np.stack([np.sin(angle), 1.0 - np.cos(angle)], axis=1)

@@ -12,7 +12,7 @@ from evaluation.rollout.surprises import (
     SHORT_SIGHT,
     SURPRISES,
     ChangingGamma,
-    IgnoringEgo,
+    IgnoringOthers,
     observed,
 )
 from foresight_env.envs.core.behaviours import BehaviourSetting, Receding
@@ -33,7 +33,7 @@ def begun(kind, gamma=(0.95, 0.9)):
 
 def test_discount_factors_change_once_and_at_the_time():
     changing, usual = begun(ChangingGamma), begun(Receding)
-    after = begun(Receding, (SHORT_SIGHT, SHORT_SIGHT))
+    after = begun(Receding, (0.95, SHORT_SIGHT))
     states = MONTE_CARLO.initial_state
     for _ in range(round(CHANGE_TIME / 0.1)):
         np.testing.assert_allclose(changing.act(states), usual.act(states), atol=1e-6)
@@ -44,7 +44,7 @@ def test_discount_factors_change_once_and_at_the_time():
 
 
 def test_who_ignores_the_ego_moves_as_if_it_were_alone():
-    ignoring, usual = begun(IgnoringEgo), begun(Receding)
+    ignoring, usual = begun(IgnoringOthers), begun(Receding)
     # The ego stands in the other's way.
     states = np.array([[0.5, 1.5, 0.0, 0.0], [0.0, 2.0, 0.4, -0.4]])
     found, avoiding = ignoring.act(states), usual.act(states)
@@ -100,6 +100,14 @@ def test_what_cannot_occur_is_refused():
 
 
 @pytest.mark.parametrize("name", SURPRISES)
-def test_an_episode_of_every_surprise_can_be_made(name):
+def test_the_environment_of_every_surprise_can_be_made(name):
     for scenario in SURPRISES[name].scenarios:
         assert RunSetting(scenario, surprise=name).make().scene.players > 1
+
+
+def test_truths_that_do_not_last_are_not_shown():
+    gamma = {"gamma": np.array([0.95, 0.5, 0.7])}
+    for name, missing in (("none", 0), ("dropouts", 0), ("gamma-change", 2), ("social-force", 2)):
+        assert np.isnan(RunSetting(surprise=name).true_gammas(gamma)).sum() == missing
+    with pytest.raises(ValueError, match="surprise: 'gamma-change' has a behaviour; expected"):
+        RunSetting(behaviour="open_loop", surprise="gamma-change")
