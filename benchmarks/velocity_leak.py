@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from agents import make_predictor
-from benchmarks.report import Result, Row, Setting
+from benchmarks.report import Arguments, Result, TableRow
 from evaluation.metrics.trajectory import displacement
 from evaluation.windows.interaction import PredictionWindow, split_of
 from evaluation.windows.nearby import nearby_windows
@@ -68,7 +68,7 @@ def error(window: PredictionWindow, recording: Recording, *, past: bool) -> floa
     return displacement(forecast.most_likely, window.truth, window.present)[0]
 
 
-def row(recording: Recording, most: int) -> Row:
+def row(recording: Recording, most: int) -> TableRow:
     """One recording's line."""
     apart = [differences(track, recording.rate) for track in recording.tracks]
     windows = nearby_windows(recording)
@@ -92,13 +92,13 @@ def row(recording: Recording, most: int) -> Row:
     }
 
 
-def run(setting: Setting) -> list[Result]:
+def run(arguments: Arguments) -> list[Result]:
     """The study; without data it says that it was skipped."""
     note = "Skipped: recorded data are not shipped; give their folder with `--data DIR`."
-    rows: list[Row] = []
-    if setting.data is not None:
-        most = QUICK_WINDOWS if setting.quick else MOST_WINDOWS
-        for directory, name in recordings_below(setting.data):
+    rows: list[TableRow] = []
+    if arguments.data is not None:
+        most = QUICK_WINDOWS if arguments.quick else MOST_WINDOWS
+        for directory, name in recordings_below(arguments.data):
             recording = open_recording(str(directory), recording=name)
             if recording.tracks and nearby_windows(recording):
                 rows.append(row(recording, most))
@@ -107,4 +107,4 @@ def run(setting: Setting) -> list[Result]:
             "central difference contains the next position. Those of filters (DUT, inD) agree with "
             "none of the three and lag behind."
         )
-    return [Result(TITLE, note, rows).show(setting.console)]
+    return [Result(TITLE, note, rows).show(arguments.console)]

@@ -29,11 +29,15 @@ class OwnEntry:
 
 
 class Poison(Mapping):
-    """An `info` of which an agent may read no more than its own parameters."""
+    """An `info` of which an agent may read no more than its own parameters and last action."""
 
     def __init__(self, info):
         own = {name: OwnEntry(values) for name, values in info["theta"].items()}
-        self.own = {"gamma": OwnEntry(info["gamma"]), "theta": own}
+        self.own = {
+            "gamma": OwnEntry(info["gamma"]),
+            "theta": own,
+            "applied_action": info["applied_action"],
+        }
 
     def __getitem__(self, key):
         if key not in self.own:
@@ -41,10 +45,10 @@ class Poison(Mapping):
         return self.own[key]
 
     def __iter__(self):
-        return iter(("state", "gamma", "theta"))
+        return iter(("state", *self.own))
 
     def __len__(self):
-        return 3
+        return 1 + len(self.own)
 
 
 def same(one: Decision, other: Decision) -> bool:
