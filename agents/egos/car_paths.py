@@ -14,6 +14,8 @@ from foresight_env.precision import in_double_precision
 
 LEAST_SPACING = 0.2
 """Least distance between points of a path, m: closer ones give no direction."""
+OFF_PATH = (0.25, 0.1)
+"""Distance (m) and angle (rad) from a path beyond which a car is not on it."""
 STRAIGHT_ON = 200.0
 """Length by which a path is extended, m."""
 ARC_LENGTH = 40
@@ -78,6 +80,18 @@ def along(
 ) -> Float[np.ndarray, "M T 3"]:
     """Poses after so many m along a path (`path_ahead`)."""
     return np.stack([np.interp(covered, path[:, 0], path[:, k]) for k in (1, 2, 3)], axis=2)
+
+
+def is_on(path: Float[np.ndarray, "L 4"], pose: Float[np.ndarray, "3"]) -> bool:
+    """Whether a car at the pose is on the path (`path_ahead`) and heads along it."""
+    pieces = np.diff(path[:, 1:3], axis=0)
+    away = pose[:2] - path[:-1, 1:3]
+    part = np.clip(np.sum(away * pieces, axis=1) / np.sum(pieces**2, axis=1), 0.0, 1.0)
+    distance = np.hypot(*(away - part[:, None] * pieces).T)
+    nearest = int(np.argmin(distance))
+    turn = pose[2] - np.arctan2(pieces[nearest, 1], pieces[nearest, 0])
+    turn = np.mod(turn + np.pi, 2.0 * np.pi) - np.pi
+    return bool(distance[nearest] <= OFF_PATH[0] and abs(turn) <= OFF_PATH[1])
 
 
 def swerved(

@@ -16,6 +16,7 @@ from agents.egos.car_paths import (
     along,
     arc_ahead,
     covered_distance,
+    is_on,
     path_ahead,
     pursuit,
     swerved,
@@ -29,8 +30,6 @@ DIRECTIONS = 16
 """Evenly spaced, in which a walker may evade."""
 USUAL_LIMITS = np.array([5.0, 0.6])
 """Limits of acceleration (m/s^2) and steering (rad) of cars whose game has none."""
-OFF_PATH = np.array([0.25, 0.1])
-"""Distance (m) and angle (rad) from its kept path beyond which a car cannot continue it."""
 LEVELS = 5
 """Accelerations of a car, evenly spaced between its limits."""
 SWERVES = (0.0, 1.5, -1.5)
@@ -48,23 +47,26 @@ Backup = Float[np.ndarray, "_ 4"] | None
 along their plan change with the plan. Walkers' manoeuvres are the same at every decision."""
 
 
+class Motions(NamedTuple):
+    """Possible motions of the ego at the times of a grid."""
+
+    poses: Float[np.ndarray, "M T 3"]
+    """`[px, py, heading]`, m and rad."""
+    margin: Float[np.ndarray, "M"]
+    """Additional clearance of each motion that is not followed exactly, m."""
+    backups: tuple[Backup, ...]
+    """Path of each motion, for the next decision."""
+
+
 class Manoeuvres(NamedTuple):
-    """Possible motions of the ego."""
+    """Evasive manoeuvres of the ego."""
 
     controls: Float[np.ndarray, "M m"]
     """First controls of the manoeuvres that begin now."""
-    now: Float[np.ndarray, "M T 3"]
-    """Poses of the manoeuvres that begin now, m and rad."""
-    later: Float[np.ndarray, "L T 3"]
-    """Poses of manoeuvres that begin after a step with the decision's action; one continues it."""
-    now_margin: Float[np.ndarray, "M"]
-    """Clearance that each motion of `now` needs because it is not followed exactly, m."""
-    later_margin: Float[np.ndarray, "L"]
-    """The same of `later`."""
-    now_backups: tuple[Backup, ...]
-    """Backup for the next decision when a manoeuvre of `now` is taken."""
-    later_backups: tuple[Backup, ...]
-    """The same, when the decision's action is taken and a manoeuvre of `later` may follow."""
+    now: Motions
+    """The M manoeuvres that begin now."""
+    later: Motions
+    """Manoeuvres that begin after a step with the decision's action; one continues the action."""
 
 
 def manoeuvres(
@@ -75,9 +77,15 @@ def manoeuvres(
     times: Float[np.ndarray, "T"],
     backup: Backup,
 ) -> Manoeuvres:
-    """Manoeuvres of the ego from its present state, by the kind of its motion.
+    """Return the manoeuvres of an ego that walks or drives.
 
-    `backup` is that of the manoeuvre by which the last decision was found to be safe, if any.
+    Args:
+        scene: with the ego's dynamics, limits and route.
+        ego: the player.
+        state: present state, `[px, py, vx, vy]` or `[px, py, v, psi]` (m, m/s, rad).
+        decision: whose action may be taken first, and whose plan a car follows.
+        times: from now on, s.
+        backup: of the manoeuvre by which the last decision was found to be safe, if any.
     """
     if isinstance(scene.game.players[ego].dynamics, Vehicle):
         return _driving(scene, ego, state, decision, times, backup)
@@ -111,15 +119,8 @@ def _walking(
     _, end = walk(moved, ends, strongest, times[~first] - dt, dt)
     begin = np.broadcast_to(begin, (len(ends), *begin.shape[1:]))
     later = np.concatenate([begin, end], axis=1)
-    return Manoeuvres(
-        controls,
-        now,
-        later,
-        np.zeros(len(now)),
-        np.zeros(len(later)),
-        (None,) * len(now),
-        (None,) * len(later),
-    )
+    exact = [Motions(poses, np.zeros(len(poses)), (None,) * len(poses)) for poses in (now, later)]
+    return Manoeuvres(controls, *exact)
 
 
 def walk(
@@ -159,19 +160,6 @@ def velocities(
     return np.concatenate([np.zeros((1, 2)), away * speeds[:, None]])
 
 
-def _on(path: Float[np.ndarray, "L 4"], pose: Float[np.ndarray, "3"]) -> bool:
-    """Whether a car at the pose is on the path."""
-    along_each = np.diff(path[:, 1:3], axis=0)
-    lengths = np.maximum(np.hypot(*along_each.T), 1e-9)
-    away = pose[:2] - path[:-1, 1:3]
-    part = np.clip(np.sum(away * along_each, axis=1) / lengths**2, 0.0, 1.0)
-    distances = np.hypot(*(away - part[:, None] * along_each).T)
-    nearest = int(np.argmin(distances))
-    heading = float(np.arctan2(along_each[nearest, 1], along_each[nearest, 0]))
-    turn = abs(float(np.mod(pose[2] - heading + np.pi, 2.0 * np.pi) - np.pi))
-    return bool(distances[nearest] <= OFF_PATH[0] and turn <= OFF_PATH[1])
-
-
 def _driving(
     scene: Scene,
     ego: int,
@@ -200,7 +188,7 @@ def _driving(
     # An ego without a plan may never begin a swerve.
     swerves = SWERVES if decision.planned is not None else SWERVES[:1]
     paths = [swerved(planned, offset, step, length) for offset in swerves]
-    if backup is not None and _on(backup, pose):
+    if backup is not None and is_on(backup, pose):
         paths.append(path_ahead(pose, backup[:-1, 1:3], None))
 
     aim = np.full((1, 1), max(AIM_TIME * speed, LEAST_AIM))
@@ -212,22 +200,22 @@ def _driving(
     # Cars that rest within the step need no stronger braking.
     braked = np.maximum(levels, -speed / dt)
     controls = [np.column_stack([braked, np.full(LEVELS, angle)]) for angle in steering]
-    ways = covered_distance(speed, levels, fastest, times)
-    now = [along(path, ways) for path in paths]
+    now = covered_distance(speed, levels, fastest, times)
 
     first = times <= dt
     begin = covered_distance(speed, action[:1], fastest, times[first])
     ends = np.append(levels, action[0])
     end = step + covered_distance(after, ends, fastest, times[~first] - dt)
-    ways = np.concatenate([np.broadcast_to(begin, (len(ends), begin.shape[1])), end], axis=1)
-    later = [along(path, ways) for path in paths]
+    later = np.concatenate([np.broadcast_to(begin, (len(ends), begin.shape[1])), end], axis=1)
     margins = np.array([0.0] + [SWERVE_MARGIN] * (len(paths) - 1))
     return Manoeuvres(
         np.concatenate(controls),
-        np.concatenate(now),
-        np.concatenate(later),
-        np.repeat(margins, len(levels)),
-        np.repeat(margins, len(ends)),
-        tuple(path for path in paths for _ in levels),
-        tuple(path for path in paths for _ in ends),
+        *(
+            Motions(
+                np.concatenate([along(path, covered) for path in paths]),
+                np.repeat(margins, len(covered)),
+                tuple(path for path in paths for _ in covered),
+            )
+            for covered in (now, later)
+        ),
     )

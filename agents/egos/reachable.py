@@ -111,11 +111,7 @@ def _routes(perception: Perception, other: int) -> list[Float[np.ndarray, "P 3"]
     track = track[~np.isnan(track).any(axis=1)]
     state = perception.states()[other]
     track = track if len(track) else state[None, :2]
-    guesses = (
-        (prior.guess(own, track, state),)
-        if prior.possible is None
-        else prior.possible(own, track, state)
-    )
+    guesses = prior.guesses(own, track, state)
     return [np.asarray(guess["path"])[:, :3] for guess in guesses]
 
 

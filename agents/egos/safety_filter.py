@@ -118,20 +118,20 @@ class SafetyFilter:
         times = step * np.arange(1, round(bounds.horizon / step) + 1)
         possible = manoeuvres(scene, ego, perception.states()[ego], decision, times, backup)
         errors = LEAST_MARGIN + bounds.deviations * scene.noise_std
-        margin = errors + np.concatenate([possible.now_margin, possible.later_margin])[:, None]
-        poses = np.concatenate([possible.now, possible.later])
+        margin = errors + np.concatenate([possible.now.margin, possible.later.margin])[:, None]
+        poses = np.concatenate([possible.now.poses, possible.later.poses])
         clear = clearances(perception, poses, times, bounds.acceleration)
         violation = _violation(clear.worst - margin) + CONTACT * _violation(clear.expected - margin)
-        now, later = violation[: len(possible.now)], violation[len(possible.now) :]
+        now, later = np.split(violation, [len(possible.controls)])
         least = now.min()
         if later.min() <= 0.0 or (least > 0.0 and later.min() <= least + GAIN):
-            return decision, possible.later_backups[int(np.argmin(later))]
+            return decision, possible.later.backups[int(np.argmin(later))]
         away = np.sum((possible.controls - decision.action) ** 2, axis=1)
         passing = now <= 0.0
         chosen = int(np.argmin(np.where(passing, away, np.inf) if passing.any() else now))
         action = possible.controls[chosen].astype(np.float32)
         replaced = replace(decision, action=action, intervention=True)
-        return replaced, possible.now_backups[chosen]
+        return replaced, possible.now.backups[chosen]
 
 
 def _violation(clearance: Float[np.ndarray, "M T"]) -> Float[np.ndarray, "M"]:

@@ -19,10 +19,12 @@ from evaluation.cli.options import (
     OutOption,
     PlayersOption,
     SafetyFilterOption,
+    SeedsOption,
     Split,
     WorkersOption,
     check_noise,
     chosen_agents,
+    chosen_seeds,
     chosen_workers,
     listed,
     plain_errors,
@@ -138,7 +140,8 @@ SAFETY_SETTINGS = (
 @evaluate.command("safety")
 @plain_errors
 def evaluate_safety(
-    episodes: Annotated[int, typer.Option(min=1, max=200, help="Test seeds per setting.")] = 20,
+    episodes: Annotated[int, typer.Option(min=1, help="Seeds per setting.")] = 20,
+    seeds: SeedsOption = "test",
     settings: Annotated[
         str, typer.Option(help="Comma-separated; `foresight value --list` prints them.")
     ] = ",".join(SAFETY_SETTINGS),
@@ -181,7 +184,7 @@ def evaluate_safety(
         chosen,
         met,
         names,
-        range(episodes),
+        chosen_seeds(seeds, episodes),
         safety_filter=safety_filter,
         workers=chosen_workers(workers, cluster),
     )

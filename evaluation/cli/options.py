@@ -41,6 +41,16 @@ Split = Literal["all", "development", "test"]
 """Which recordings of a folder."""
 
 
+def chosen_seeds(seeds: Seeds, episodes: int) -> range:
+    """Return the first seeds of a kind; `ValueError` where there are fewer than `episodes`."""
+    from evaluation.rollout.places import DEVELOPMENT_SEEDS, TEST_SEEDS
+
+    available = DEVELOPMENT_SEEDS if seeds == "development" else TEST_SEEDS
+    if episodes > len(available):
+        raise ValueError(f"--episodes: is {episodes}; there are {len(available)} {seeds} seeds")
+    return available[:episodes]
+
+
 def _tell(line: str) -> None:
     typer.echo(f"foresight: {line}", err=True)
 
@@ -141,6 +151,11 @@ SafetyFilterOption = Annotated[
     typer.Option(
         help="Replace actions after which an ego could no longer evade; the same for all egos."
     ),
+]
+Seeds = Literal["development", "test"]
+"""Episodes: those that settings were chosen on, or the others."""
+SeedsOption = Annotated[
+    Seeds, typer.Option(help="development: those that settings were chosen on.")
 ]
 WorkersOption = Annotated[
     int | None,

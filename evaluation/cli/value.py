@@ -12,15 +12,15 @@ from evaluation.cli.options import (
     ClusterOption,
     OutOption,
     SafetyFilterOption,
+    SeedsOption,
     WorkersOption,
     chosen_agents,
+    chosen_seeds,
     chosen_workers,
     listed,
     plain_errors,
 )
 
-Seeds = Literal["development", "test"]
-"""Which episodes: those that settings were chosen on, or the others."""
 Bound = Literal["clairvoyant", "know-gamma", "oracle"]
 """Egos that the baseline is compared with."""
 DEFAULT_EGOS = ("oracle", "know-gamma", "infer-gamma", "constant-velocity")
@@ -32,9 +32,7 @@ def value(
         str, typer.Option(help="Comma-separated names of settings, or all; --list prints them.")
     ] = "crowd-3-short",
     episodes: Annotated[int, typer.Option(min=1, help="Seeds per setting.")] = 40,
-    seeds: Annotated[
-        Seeds, typer.Option(help="development: those that settings were chosen on.")
-    ] = "test",
+    seeds: SeedsOption = "test",
     egos: Annotated[
         str,
         typer.Option(help="Comma-separated, in addition to the baseline assume-gamma-1."),
@@ -62,7 +60,7 @@ def value(
     time and collisions, on the same seeds. Interrupted studies are resumed. With the
     clairvoyant, ten seeds of a crowd take one to three minutes on one core.
     """
-    from evaluation.rollout.places import DEVELOPMENT_SEEDS, SETTINGS, TEST_SEEDS
+    from evaluation.rollout.places import SETTINGS
 
     if names:
         for name, setting in SETTINGS.items():
@@ -77,9 +75,7 @@ def value(
     )
     if bound != "clairvoyant":
         compared = tuple(dict.fromkeys((bound, *compared)))
-    available = DEVELOPMENT_SEEDS if seeds == "development" else TEST_SEEDS
-    if episodes > len(available):
-        raise ValueError(f"--episodes: is {episodes}; there are {len(available)} {seeds} seeds")
+    chosen_episodes = chosen_seeds(seeds, episodes)
     from evaluation.reports.terminal import terminal
     from evaluation.reports.value import print_value, value_figure
     from evaluation.studies.value import study
@@ -88,7 +84,7 @@ def value(
         out / "episodes",
         chosen,
         compared,
-        available[:episodes],
+        chosen_episodes,
         workers=chosen_workers(workers, cluster),
         clairvoyant=bound == "clairvoyant",
         safety_filter=safety_filter,

@@ -12,7 +12,7 @@ from evaluation.execution.store import Row
 from evaluation.reports.failures import errors_of, failed
 from evaluation.reports.naming import heading_of
 from evaluation.reports.tables import mean_and_half
-from evaluation.studies.safety import Summary, possible, summarise
+from evaluation.studies.safety import SafetySummary, possible, summarise
 
 
 def print_safety(
@@ -50,14 +50,14 @@ def print_safety(
         console.print(f"[red]{escape(failed(errors))}[/red]")
 
 
-def _harm(found: Summary | None) -> str:
+def _harm(found: SafetySummary | None) -> str:
     if found is None:
         return "-"
     off = f", {found.off_road} off" if found.off_road else ""
     return f"{found.collisions} ({found.at_fault}){off}; {found.reached}"
 
 
-def _price(found: Summary | None) -> str:
+def _price(found: SafetySummary | None) -> str:
     if found is None:
         return "-"
     return f"{mean_and_half(found.cost, 1)}, {100.0 * found.interventions:.1f} %"

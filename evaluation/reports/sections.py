@@ -32,7 +32,7 @@ from evaluation.reports.safety import print_safety
 from evaluation.reports.tables import print_closed_loop, print_estimation
 from evaluation.reports.value import print_value, value_figure
 from evaluation.rollout.clairvoyant import CLAIRVOYANT
-from evaluation.rollout.endings import COLLISION
+from evaluation.rollout.endings import COLLISION, harmed
 from evaluation.rollout.places import SETTINGS
 from evaluation.rollout.setting import RunSetting
 from evaluation.rollout.surprises import SURPRISES
@@ -41,7 +41,6 @@ from evaluation.studies.closed_loop import summarise
 from evaluation.studies.driving import DrivingConfiguration
 from evaluation.studies.safety import setting_under
 from evaluation.studies.value import BASELINE
-from evaluation.studies.value_summary import harmed
 from evaluation.windows.table import with_windows
 
 Draw = Callable[[Path], Path]

@@ -18,15 +18,14 @@ from evaluation.reports.failures import errors_of, failed
 from evaluation.reports.figures import save
 from evaluation.reports.naming import colour_of, heading_of, label_of
 from evaluation.rollout.clairvoyant import CLAIRVOYANT
+from evaluation.rollout.endings import harmed, time_to_goal
 from evaluation.studies.value import BASELINE
 from evaluation.studies.value_summary import (
     Compared,
     Share,
     compare,
     episodes_of,
-    harmed,
     share,
-    time_to_goal,
 )
 
 

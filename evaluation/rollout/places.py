@@ -12,7 +12,7 @@ from dataclasses import replace
 from evaluation.rollout.setting import RunSetting
 from foresight_env.names import PLACES, SCENE_NAMES
 
-DEVELOPMENT_SEEDS = range(1000, 1040)
+DEVELOPMENT_SEEDS = range(1000, 1050)
 """Episodes on which settings, and what an upper bound searches, are chosen."""
 TEST_SEEDS = range(200)
 """Episodes of which results are published; studies take as many of the first as they need."""

@@ -19,7 +19,7 @@ from evaluation.execution.runner import run_trials
 from evaluation.execution.store import Row, Store
 from evaluation.metrics.statistics import Interval, mean_interval
 from evaluation.metrics.trajectory import at_fault, comfort
-from evaluation.rollout.endings import COLLISION, OFF_ROAD, REACHED, TIME_OUT, ending
+from evaluation.rollout.endings import COLLISION, OFF_ROAD, REACHED, TIME_OUT, ending, time_to_goal
 from evaluation.rollout.episode import run_episode, warm_up
 from evaluation.rollout.setting import EGO_CAR, RunSetting
 
@@ -151,11 +151,6 @@ def good_rows(rows: Sequence[Row], scene: str, others: str, ego: str) -> list[Ro
     """Finished episodes of one ego among one kind of others in one scene."""
     wanted = (scene, others, ego)
     return [r for r in rows if (r["scene"], r["others"], r["ego"]) == wanted and not r["error"]]
-
-
-def time_to_goal(row: Row) -> float:
-    """Seconds, the time limit where the goal was not reached."""
-    return float(row["time"] if row["ended"] == REACHED else row["time_limit"])
 
 
 def summarise(rows: Sequence[Row], scene: str, others: str, ego: str) -> DrivingSummary | None:

@@ -20,12 +20,11 @@ from evaluation.execution.runner import run_trials
 from evaluation.execution.store import Row, Store, Trial
 from evaluation.metrics.statistics import Interval, mean_interval
 from evaluation.metrics.trajectory import at_fault
-from evaluation.rollout.endings import COLLISION, OFF_ROAD, REACHED, ending
+from evaluation.rollout.endings import COLLISION, OFF_ROAD, REACHED, ending, harmed, time_to_goal
 from evaluation.rollout.episode import Episode, run_episode, warm_up
 from evaluation.rollout.places import SETTINGS
 from evaluation.rollout.setting import RunSetting
 from evaluation.rollout.surprises import SURPRISES
-from evaluation.studies.value_summary import harmed, time_to_goal
 from foresight_env.games.motion import planar_velocity
 
 KEY = ("setting", "surprise", "ego", "settings", "seed")
@@ -118,7 +117,7 @@ def study(
     )
 
 
-class Summary(NamedTuple):
+class SafetySummary(NamedTuple):
     """One ego in one setting under one surprise."""
 
     episodes: int
@@ -139,7 +138,7 @@ class Summary(NamedTuple):
     """Trials that raised an exception."""
 
 
-def summarise(rows: Sequence[Row], setting: str, surprise: str, ego: str) -> Summary | None:
+def summarise(rows: Sequence[Row], setting: str, surprise: str, ego: str) -> SafetySummary | None:
     """Aggregate; None where no episode finished."""
     wanted = (setting, surprise, ego)
     mine = [r for r in rows if (r["setting"], r["surprise"], r["ego"]) == wanted]
@@ -147,7 +146,7 @@ def summarise(rows: Sequence[Row], setting: str, surprise: str, ego: str) -> Sum
     if not good:
         return None
     costs = np.array([r["cost"] for r in good if not harmed(r)])
-    return Summary(
+    return SafetySummary(
         len(good),
         sum(r["ended"] == COLLISION for r in good),
         sum(r["at_fault"] for r in good),

@@ -21,7 +21,7 @@ from evaluation.metrics.statistics import (
     mean_interval,
     ratio_interval,
 )
-from evaluation.rollout.endings import HARM, REACHED
+from evaluation.rollout.endings import harmed, time_to_goal
 from evaluation.studies.value import BASELINE
 
 
@@ -51,16 +51,6 @@ class Share(NamedTuple):
     harm: float | None
     unharmed: int
     """Seeds on which none of the three is harmed: those of `cost`."""
-
-
-def harmed(row: Row) -> bool:
-    """Whether an episode ended in a collision or off the road."""
-    return row["ended"] in HARM
-
-
-def time_to_goal(row: Row) -> float:
-    """Seconds, the time limit where the goal was not reached."""
-    return float(row["time"] if row["ended"] == REACHED else row["time_limit"])
 
 
 def episodes_of(rows: Sequence[Row], setting: str, ego: str) -> dict[int, Row]:

@@ -78,27 +78,26 @@ class OpponentPrior(NamedTuple):
     """Entries of its `theta` that are worth estimating."""
     deviation: tuple[tuple[str, float], ...]
     """Of those, by how much a first guess may be off (standard deviations)."""
-    guess: Callable[
-        [dict[str, Any], Float[np.ndarray, "K 2"], Float[np.ndarray, "4"]], dict[str, Any]
+    guesses: Callable[
+        [dict[str, Any], Float[np.ndarray, "K 2"], Float[np.ndarray, "4"]],
+        tuple[dict[str, Any], ...],
     ]
     """From the ego's own `theta`, the other's recent positions (the newest last, m) and its present
-    state: the other's `theta`. What is not in `free` may be guessed again at every step."""
-    possible: (
-        Callable[
-            [dict[str, Any], Float[np.ndarray, "K 2"], Float[np.ndarray, "4"]],
-            tuple[dict[str, Any], ...],
-        ]
-        | None
-    ) = None
-    """From the same, all guesses that fit the positions, such as routes, the best first; None:
-    there is one guess."""
+    state: every possible `theta` of the other, one per route where several are possible, the most
+    likely first. Entries that are not in `free` may be guessed again at every step."""
+
+    def guess(
+        self, own: dict[str, Any], track: Float[np.ndarray, "K 2"], state: Float[np.ndarray, "4"]
+    ) -> dict[str, Any]:
+        """Return the most likely of `guesses`."""
+        return self.guesses(own, track, state)[0]
 
 
 def _stays(
     own: dict[str, Any], track: Float[np.ndarray, "K 2"], state: Float[np.ndarray, "4"]
-) -> dict[str, Any]:
+) -> tuple[dict[str, Any]]:
     """The same weights, and a goal where it is."""
-    return {**own, "goal": np.array(track[-1])}
+    return ({**own, "goal": np.array(track[-1])},)
 
 
 GOALS = OpponentPrior(("goal",), (("goal", 3.0),), _stays)

@@ -15,7 +15,7 @@ from foresight_env.envs.rendering.scenery import ASPHALT, STRIPE, Polygon, Scene
 from foresight_env.games.footprints import Footprint, Motion, least_gaps
 from foresight_env.games.kinds import SIMULATED_CAR
 from foresight_env.highway.axes import flipped_places
-from foresight_env.highway.likely_route import likely_path, likely_paths
+from foresight_env.highway.likely_route import likely_paths
 from foresight_env.highway.ranges import DrivingRanges
 from foresight_env.highway.routes import finer
 from foresight_env.highway.scenes import DrivingScene, draw_driving
@@ -69,7 +69,6 @@ def driving_world(
         opponent_prior=OpponentPrior(
             ("target_speed",),
             (("target_speed", 2.0),),
-            partial(_on_its_way, scene),
             partial(_on_possible_ways, scene),
         ),
         population=_population(scene, cars, ranges),
@@ -83,31 +82,17 @@ def _population(scene: DrivingScene, cars: int, ranges: DrivingRanges) -> Popula
     return Population.drawn_uniformly(usual.theta, "target_speed", ranges.speed, ranges.gamma)
 
 
-def _on_its_way(
-    scene: DrivingScene,
-    own: dict[str, Any],
-    track: Float[np.ndarray, "K 2"],
-    state: Float[np.ndarray, "4"],
-) -> dict[str, Any]:
-    """The ego's weights, the likely path along the roads, and the speed it has."""
-    return _along_path(own, likely_path(scene, track, float(state[3])), state)
-
-
 def _on_possible_ways(
     scene: DrivingScene,
     own: dict[str, Any],
     track: Float[np.ndarray, "K 2"],
     state: Float[np.ndarray, "4"],
 ) -> tuple[dict[str, Any], ...]:
-    """The same for every path that the observed positions allow."""
-    paths = likely_paths(scene, track, float(state[3]))
-    return tuple(_along_path(own, path, state) for path in paths)
-
-
-def _along_path(
-    own: dict[str, Any], path: Float[np.ndarray, "M 4"], state: Float[np.ndarray, "4"]
-) -> dict[str, Any]:
-    return {**own, "path": path, "goal": path[-1, :2], "target_speed": float(state[2])}
+    """The ego's weights, the present speed, and each path along the roads that fits the track."""
+    return tuple(
+        {**own, "path": path, "goal": path[-1, :2], "target_speed": float(state[2])}
+        for path in likely_paths(scene, track, float(state[3]))
+    )
 
 
 @lru_cache

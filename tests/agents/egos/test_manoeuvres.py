@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from agents.egos.car_paths import along, covered_distance, path_ahead, pursuit, swerved
+from agents.egos.car_paths import along, covered_distance, is_on, path_ahead, pursuit, swerved
 from agents.egos.manoeuvres import velocities, walk
 from foresight_env.games import DoubleIntegrator, KinematicBicycle, SlipBicycle
 
@@ -89,6 +89,17 @@ def test_a_swerve_ends_beside_the_path_and_heads_where_it_moves():
     middle = 0.5 * (poses[1:, 2] + poses[:-1, 2])
     # Straight between its points, which are a metre apart.
     np.testing.assert_allclose(np.arctan2(*steps.T[::-1]), middle, atol=0.03)
+
+
+def test_poses_on_a_path_and_off_it():
+    path = path_ahead(np.array([1.0, 2.0, 0.3]), np.zeros((0, 2)), None)
+    here = np.array([*along(path, np.array([[7.3]]))[0, 0, :2], 0.3])
+    left = np.array([-np.sin(0.3), np.cos(0.3), 0.0])
+    assert is_on(path, here)
+    assert is_on(path, here + np.array([0.0, 0.0, 2.0 * np.pi]))
+    assert is_on(path, here + 0.2 * left)
+    assert not is_on(path, here + 0.3 * left)
+    assert not is_on(path, here + np.array([0.0, 0.0, 0.2]))
 
 
 @pytest.mark.parametrize("dynamics", [SlipBicycle(0.02), KinematicBicycle(0.02, 2.7)], ids=repr)

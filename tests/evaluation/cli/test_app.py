@@ -226,7 +226,7 @@ def test_the_value_of_information(tmp_path, monkeypatch):
     (_, settings, egos, seeds), named = asked[0]
     assert settings == tuple(SETTINGS)
     assert egos[-1] == "assume-gamma-1"
-    assert seeds == DEVELOPMENT_SEEDS
+    assert seeds == DEVELOPMENT_SEEDS[:40]
     assert named["clairvoyant"]
     call("value", "--bound", "oracle", "--egos", "infer-gamma", "--episodes", 3, "--out", tmp_path)
     assert asked[1][0][1:] == (
