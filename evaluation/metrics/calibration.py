@@ -75,8 +75,3 @@ def coverage(counts: Sequence[Sequence[int]]) -> Float[np.ndarray, "_"]:
     """
     total = np.sum(np.asarray(counts, dtype=float), axis=0)
     return np.asarray(np.cumsum(total) / total.sum())
-
-
-def covered(counts: Sequence[Sequence[int]], nominal: float) -> float:
-    """Observed coverage of the region of one nominal probability, a multiple of 1 / `BINS`."""
-    return float(coverage(counts)[round(nominal * BINS) - 1])

@@ -14,6 +14,7 @@ from evaluation.execution.store import Results, Row
 from evaluation.reports.benchmark import driven_parts, simulated_parts
 from evaluation.reports.benchmark_page import print_parts
 from evaluation.reports.driving import distances_over_time, place, print_driving
+from evaluation.reports.eth_ucy import curves, draw_reliability, print_eth_ucy
 from evaluation.reports.figures import (
     HEATMAP_NAME,
     TRIAL_NAME,
@@ -122,6 +123,7 @@ def section(results: Results, notes: Console) -> Section:
         "value of information": _value,
         "safety": _safety,
         "prediction": _prediction,
+        "eth-ucy": _eth_ucy,
         "benchmark, open loop": _open_benchmark,
         "benchmark, closed loop": _closed_benchmark,
     }
@@ -264,6 +266,18 @@ def _prediction(results: Results, notes: Console) -> Section:
         lambda path: error_over_time(rows, path),
         "Displacement errors 1 to 4 s ahead",
     )
+    return found
+
+
+def _eth_ucy(results: Results, notes: Console) -> Section:
+    rows = results.rows
+    print_eth_ucy(notes, rows)
+    found = Section("ETH/UCY: predictions, one scene left out", results)
+    if curves(rows):
+        found.figures["reliability"] = (
+            lambda path: draw_reliability(rows, path),
+            "Nominal probability of a forecast's regions, and the share of true positions in them",
+        )
     return found
 
 
