@@ -73,22 +73,22 @@ def evaluate_eth_ucy(
         write_markdown,
     )
     from evaluation.reports.terminal import terminal
-    from evaluation.studies.eth_ucy import WEIGHTS, study
+    from evaluation.studies.eth_ucy import study
 
     rows = study(
         out / "study",
         data,
         names,
         scenes=places,
-        weights=WEIGHTS if weights is None else weights,
+        weights=weights,
         every=every,
         workers=chosen_workers(workers, cluster),
     )
     console = terminal()
-    print_eth_ucy(console, rows)
+    print_eth_ucy(console, rows, every=every)
     written = {
         "numbers": write_csv(rows, out / "eth_ucy.csv"),
-        "page": write_markdown(rows, out / "eth_ucy.md"),
+        "page": write_markdown(rows, out / "eth_ucy.md", every=every),
     }
     if curves(rows):
         written["picture"] = draw_reliability(rows, out / "reliability.png")

@@ -34,9 +34,7 @@ def curve_of(counts: Sequence[Sequence[int] | None]) -> Curve | None:
 def coverage_cells(curve: Curve | None) -> dict[str, str]:
     """Return cells of a table by column: coverage of the regions of `NOMINAL` probability."""
     return {
-        f"{nominal:.0%} region": "-"
-        if curve is None
-        else f"{curve[round(nominal * BINS) - 1]:.0%}"
+        f"{nominal:.0%} region": "-" if curve is None else f"{curve[round(nominal * BINS) - 1]:.0%}"
         for nominal in NOMINAL
     }
 

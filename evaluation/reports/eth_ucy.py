@@ -6,7 +6,7 @@ import csv
 import io
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -34,6 +34,12 @@ window's length (8 s), and short enough for eight blocks in univ (216 s)."""
 AVERAGE = "average"
 ERRORS = {"ade": "ADE", "fde": "FDE", "best_ade": "minADE20", "best_fde": "minFDE20"}
 """Names of the metrics of rows in tables."""
+TOTALS = {
+    "collisions": "overlaps",
+    "collisions_recorded": "overlaps_recorded",
+    "fallbacks": "fallbacks",
+}
+"""Numbers that are sums over windows, and their columns of rows."""
 HEAD = "# ETH/UCY, one scene left out"
 RULE = (
     "8 observed and 12 predicted steps of 0.4 s; every window of 20 consecutive steps in which at "
@@ -46,7 +52,9 @@ NOTES = (
     f"{BLOCK_SECONDS:g} s resampled within each scene; none below {LEAST_GROUPS} blocks. "
     f"NLL: negative log-likelihood per step (density in 1/m^2). {EXPLANATION} Missed: more than "
     "2 m off at the end. Collisions: pairs of agents judged in one history whose discs overlap in "
-    "the most likely future, and in the recording. Latency: of one history of up to 8 agents."
+    "the most likely future, and in the recording. Over all scenes: sums of agents, collisions and "
+    "fallbacks, quantiles of all latencies (of a history of up to 8 agents), means of the scenes' "
+    "other numbers."
 )
 
 
@@ -141,24 +149,26 @@ def _mean(values: Float[np.ndarray, "_"]) -> float:
 
 def _scene(name: str, scene: str, rows: Sequence[Row], reference: Sequence[Row]) -> Numbers:
     curve = curve_of([row["levels"] for row in rows])
-    latency = np.percentile(1e3 * _all(rows, "seconds"), [50, 99])
     blocks = _blocks(rows)
+    found: dict[str, Any] = {metric: _mean(_all(rows, metric)) for metric in ERRORS}
+    found |= {"missed": _mean(_all(rows, "missed")), "nll": _mean(_all(rows, "nll"))}
+    found |= {f"coverage_{100 * q:.0f}": _covered(curve, q) for q in NOMINAL}
+    found |= {name: sum(row[column] for row in rows) for name, column in TOTALS.items()}
     return Numbers(
-        name,
-        scene,
-        len(rows),
-        len(blocks),
-        len(set(blocks)),
-        *(_mean(_all(rows, metric)) for metric in ERRORS),
-        _mean(_all(rows, "missed")),
-        _mean(_all(rows, "nll")),
-        *(_covered(curve, nominal) for nominal in NOMINAL),
-        sum(row["overlaps"] for row in rows),
-        sum(row["overlaps_recorded"] for row in rows),
-        sum(row["fallbacks"] for row in rows),
-        *(float(value) for value in latency),
-        _gaps([rows], [reference]),
+        predictor=name,
+        scene=scene,
+        windows=len(rows),
+        agents=len(blocks),
+        blocks=len(set(blocks)),
+        gaps=_gaps([rows], [reference]),
+        **found,
+        **_latencies(rows),
     )
+
+
+def _latencies(rows: Sequence[Row]) -> dict[str, Any]:
+    p50, p99 = np.percentile(1e3 * _all(rows, "seconds"), [50, 99])
+    return {"latency_p50_ms": float(p50), "latency_p99_ms": float(p99)}
 
 
 def _covered(curve: Curve | None, nominal: float) -> float:
@@ -185,23 +195,16 @@ def _average(
     rows: dict[str, list[Row]],
     reference: dict[str, list[Row]],
 ) -> Numbers:
-    every = [row for own in rows.values() for row in own]
-    latency = np.percentile(1e3 * _all(every, "seconds"), [50, 99])
-
-    def mean(column: str) -> float:
-        return float(np.mean([getattr(part, column) for part in parts]))
-
-    def total(column: str) -> int:
-        return int(sum(getattr(part, column) for part in parts))
-
+    means = (*ERRORS, "missed", "nll", "coverage_50", "coverage_90")
+    found: dict[str, Any] = {n: float(np.mean([getattr(p, n) for p in parts])) for n in means}
+    sums = ("windows", "agents", "blocks", *TOTALS)
+    found |= {n: sum(getattr(p, n) for p in parts) for n in sums}
     return Numbers(
-        name,
-        AVERAGE,
-        *(total(column) for column in ("windows", "agents", "blocks")),
-        *(mean(column) for column in (*ERRORS, "missed", "nll", "coverage_50", "coverage_90")),
-        *(total(column) for column in ("collisions", "collisions_recorded", "fallbacks")),
-        *(float(value) for value in latency),
-        _gaps(list(rows.values()), list(reference.values())),
+        predictor=name,
+        scene=AVERAGE,
+        gaps=_gaps(list(rows.values()), list(reference.values())),
+        **found,
+        **_latencies([row for own in rows.values() for row in own]),
     )
 
 
@@ -267,7 +270,7 @@ def other_lines(found: Sequence[Numbers]) -> list[Line]:
     """A line per predictor: likelihood, calibration, misses, collisions, latency."""
     return [
         {
-            "average of the scenes": label_of(n.predictor),
+            "over all scenes": label_of(n.predictor),
             "agents": n.agents,
             "NLL": _cell(n.nll, lambda v: f"{v:.2f}"),
             "50% region": _cell(n.coverage_50, lambda v: f"{v:.0%}"),
@@ -298,13 +301,14 @@ def tables(found: Sequence[Numbers]) -> list[tuple[str, list[Line]]]:
     return [(title, lines) for title, lines in titled if lines]
 
 
-def _counted(found: Sequence[Numbers]) -> str:
+def _counted(found: Sequence[Numbers], every: int) -> str:
     first = found[0].predictor
-    return "; ".join(
+    counts = "; ".join(
         f"{n.scene}: {n.agents} agents in {n.windows} windows"
         for n in found
         if n.predictor == first and n.scene != AVERAGE
     )
+    return f"{counts}." + (f" This is one window in {every}: not the protocol." * (every > 1))
 
 
 def _failures(rows: Sequence[Row]) -> str:
@@ -313,11 +317,11 @@ def _failures(rows: Sequence[Row]) -> str:
     return f"{failed(errors, 'prediction')}; {left_out}" if errors else ""
 
 
-def print_eth_ucy(console: Console, rows: Sequence[Row]) -> None:
-    """Print the tables and what they mean."""
+def print_eth_ucy(console: Console, rows: Sequence[Row], *, every: int = 1) -> None:
+    """Print the tables and what they mean; `every`: of how many windows one was taken."""
     found = numbers(rows)
     if found:
-        console.print(escape(f"{_counted(found)}."))
+        console.print(escape(_counted(found, every)))
         for title, lines in tables(found):
             console.print(table_of(title, lines))
         console.print(escape(f"{RULE} {NOTES}"))
@@ -353,10 +357,10 @@ def write_csv(rows: Sequence[Row], path: Path) -> Path:
     return path
 
 
-def write_markdown(rows: Sequence[Row], path: Path) -> Path:
-    """Write the results page as Markdown; the path."""
+def write_markdown(rows: Sequence[Row], path: Path, *, every: int = 1) -> Path:
+    """Write the results page as Markdown; the path. `every`: of how many windows one was taken."""
     found = numbers(rows)
-    parts = [HEAD, "", RULE, "", *([f"{_counted(found)}.", ""] if found else [])]
+    parts = [HEAD, "", RULE, "", *([_counted(found, every), ""] if found else [])]
     for title, lines in tables(found):
         parts += [f"## {title}", "", *markdown_of(lines)]
     parts += [NOTES, ""]

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+import agents
 from agents.interfaces.predictor import Forecast, History
 from agents.registry import LEARNED, make_predictor, weights_file
 from evaluation.execution.local import Workers
@@ -46,8 +47,8 @@ KEY = ("scene", "recording", "content", "frame", "predictor", "settings")
 RULE = ("OBSERVED", "PREDICTED", "LEAST_AGENTS", "LEAST_OBSERVED", "REACH", "MOST_AGENTS")
 FUTURES = 20
 """Of how many of the most likely futures the best counts."""
-WEIGHTS = "agents/learned/shipped/eth_ucy"
-"""Folder with a folder of weights for each scene."""
+WEIGHTS = Path(agents.__file__).parent / "learned" / "shipped" / "eth_ucy"
+"""Folder with a folder of weights for each scene, of the library's networks."""
 
 
 def run_window(
@@ -58,7 +59,7 @@ def run_window(
     predictor: str,
     settings: str,
     path: str,
-    agents: Sequence[str],
+    counted: Sequence[str],
     weights: str | None,
 ) -> Row:
     """One predictor's row for one window: lists with an entry for each agent that counts."""
@@ -68,7 +69,7 @@ def run_window(
     row |= {"seconds": [], "overlaps": 0, "overlaps_recorded": 0, "fallbacks": 0}
     levels = np.zeros(BINS, dtype=int)
     made = make_predictor(predictor, weights)
-    for window in histories_at(read_scene_file(path, scene), frame, agents):
+    for window in histories_at(read_scene_file(path, scene), frame, counted):
         history = window.history
         warm_up(predictor, history.kinds, len(history.states), PREDICTED, history.dt, weights)
         begin = time.perf_counter()
@@ -159,7 +160,7 @@ def study(
     predictors: Sequence[str],
     *,
     scenes: Sequence[str] = tuple(SCENES),
-    weights: str | Path = WEIGHTS,
+    weights: str | Path | None = None,
     every: int = 1,
     workers: Workers = None,
     fresh: bool = False,
@@ -171,8 +172,9 @@ def study(
         data: Folder with the scenes' ``obsmat.txt`` files.
         predictors: Names that the registry makes.
         scenes: Of `SCENES`.
-        weights: Folder of learned predictors' weights: `weights/SCENE/NAME.safetensors`, trained
-            without that scene.
+        weights: Folder with a folder for each scene of weights that were trained without it:
+            networks of the library read `SCENE/NAME.safetensors`, your own class is given the
+            scene's folder (`make_predictor`). None: `WEIGHTS` for the former, nothing for yours.
         every: Take every n-th window that counts; 1 is the protocol.
         workers: Processes.
         fresh: Delete earlier results.
@@ -185,14 +187,15 @@ def study(
     unknown = [name for name in scenes if name not in SCENES]
     if unknown:
         raise ValueError(f"scenes: {unknown[0]!r} is unknown; choose from {', '.join(SCENES)}")
-    settings = {name: _settings(name, Path(weights), scenes) for name in predictors}
+    folders = {name: _folder(name, weights) for name in predictors}
+    settings = {name: _settings(name, folder, scenes) for name, folder in folders.items()}
     files = [(scene, path) for scene in scenes for path in scene_files(data, scene)]
     rule = {name: getattr(windows, name) for name in RULE} | {"futures": FUTURES}
     trials: list[Trial] = []
     for scene, path in files:
         recording = read_scene_file(str(path), scene)
         complete = complete_agents(recording)
-        frames = [frame for frame, agents in complete.items() if len(agents) >= LEAST_AGENTS]
+        frames = [frame for frame, names in complete.items() if len(names) >= LEAST_AGENTS]
         content = digest_of(recording)
         trials += [
             {
@@ -203,11 +206,11 @@ def study(
                 "predictor": name,
                 "settings": settings[name],
                 "path": str(path),
-                "agents": complete[frame],
-                "weights": str(Path(weights) / scene),
+                "counted": complete[frame],
+                "weights": None if folder is None else str(folder / scene),
             }
             for frame in frames[::every]
-            for name in predictors
+            for name, folder in folders.items()
         ]
     if not trials:
         raise ValueError(f"--data: no window of 20 steps in the scenes of {data}")
@@ -223,33 +226,47 @@ def study(
     )
 
 
-def _settings(name: str, weights: Path, scenes: Sequence[str]) -> str:
-    """A predictor's settings with a digest of its weights for each scene, checked to be there."""
-    made = [make_predictor_for(name, weights, scene) for scene in scenes]
-    files = {
-        scene: [
-            [path.name, hashlib.sha256(path.read_bytes()).hexdigest()[:16]]
-            for path in sorted((weights / scene).glob(f"{made[0].name}.*"))
-        ]
-        for scene in SCENES
-    }
-    used = {scene: found for scene, found in files.items() if found}
-    plain = fingerprint(make_predictor(name)) if name not in LEARNED else name
-    return json.dumps({"predictor": plain, "weights": used}) if used else plain
+def _folder(name: str, weights: str | Path | None) -> Path | None:
+    """Folder of a predictor's weights, with a folder for each scene."""
+    if weights is not None:
+        return Path(weights)
+    return WEIGHTS if name in LEARNED else None
 
 
-def make_predictor_for(name: str, weights: Path, scene: str) -> Any:
-    """Make a predictor with its weights for a scene.
+def _settings(name: str, folder: Path | None, scenes: Sequence[str]) -> str:
+    """A predictor's settings, with a digest of its weights for each scene.
 
     Raises:
-        ValueError: it is a network of the library and has no weights for the scene.
+        ValueError: it cannot be made, or is a network of the library without weights for a scene.
     """
-    path = weights_file(weights / scene, name)
-    if name in LEARNED and not path.is_file():
-        others = ", ".join(other for other in SCENES if other != scene)
-        raise ValueError(
-            f"{path}: is missing; {name} needs weights trained without {scene}: put the other "
-            f"scenes ({others}) into a folder DIR, run `foresight train {name} --data DIR`, and "
-            "copy NAME.safetensors and NAME.json there, or give --weights another folder"
-        )
-    return make_predictor(name, weights / scene)
+    if folder is None:
+        return fingerprint(make_predictor(name))
+    for scene in scenes:
+        if name in LEARNED:
+            _check_weights(folder, scene, name)
+    own = {make_predictor(name, folder / scene).name for scene in scenes}
+    files = {
+        scene: sorted(path for n in own for path in (folder / scene).glob(f"{n}.*"))
+        for scene in SCENES
+    }
+    used = {
+        scene: [[p.name, hashlib.sha256(p.read_bytes()).hexdigest()[:16]] for p in paths]
+        for scene, paths in files.items()
+        if paths
+    }
+    if not used:
+        return fingerprint(make_predictor(name))
+    return json.dumps({"predictor": name, "weights": used})
+
+
+def _check_weights(folder: Path, scene: str, name: str) -> None:
+    """Check that a network of the library has weights that were trained without a scene."""
+    path = weights_file(folder / scene, name)
+    if path.is_file():
+        return
+    others = ", ".join(other for other in SCENES if other != scene)
+    raise ValueError(
+        f"{path}: is missing; {name} needs weights trained without {scene}: put the other "
+        f"scenes ({others}) into a folder DIR, run `foresight train {name} --data DIR`, and "
+        f"copy {name}.safetensors and {name}.json there, or name another folder of weights"
+    )

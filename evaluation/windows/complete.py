@@ -59,7 +59,7 @@ def step_frames(recording: Recording) -> int:
 
 
 def complete_agents(recording: Recording) -> dict[int, tuple[str, ...]]:
-    """Return the agents that count in each window, in the order of time, by its last observed frame."""
+    """Return the agents that count in each window, by its last observed frame, in order."""
     every = step_frames(recording)
     steps = every * np.arange(OBSERVED + PREDICTED)
     found: dict[int, list[str]] = {}
