@@ -43,13 +43,14 @@ def reliability(panels: Mapping[str, Mapping[str, Curve]], path: Path) -> Path:
     """Draw observed over nominal coverage: a panel per title, a line per predictor."""
     names = list(dict.fromkeys(name for curves in panels.values() for name in curves))
     width = 3.6 * len(panels) + 0.4
-    columns = max(1, int(width / 2.1))
-    figure = Figure(figsize=(width, 3.6 + 0.2 * -(-len(names) // columns)), layout="constrained")
+    columns = max(2, int(width / 2.1))
+    legend_rows = -(-(len(names) + 1) // columns)
+    figure = Figure(figsize=(width, 3.6 + 0.2 * legend_rows), layout="constrained")
     axes_of = figure.subplots(1, len(panels), squeeze=False)[0]
     nominal = np.arange(BINS + 1) / BINS
     lines = {}
     for axes, (title, curves) in zip(axes_of, panels.items(), strict=True):
-        axes.plot(nominal, nominal, color="#999999", lw=1.0, ls="--")
+        (even,) = axes.plot(nominal, nominal, color="#999999", lw=1.0, ls="--")
         for name, curve in curves.items():
             (lines[name],) = axes.plot(
                 nominal, np.concatenate([[0.0], curve]), color=colour_of(name), lw=1.5
@@ -61,8 +62,8 @@ def reliability(panels: Mapping[str, Mapping[str, Curve]], path: Path) -> Path:
         axes.set_aspect("equal")
     axes_of[0].set_ylabel("observed coverage")
     figure.legend(
-        list(lines.values()),
-        [label_of(name) for name in lines],
+        [*lines.values(), even],
+        [*(label_of(name) for name in lines), "calibrated"],
         loc="outside lower center",
         ncols=columns,
         fontsize=8,
