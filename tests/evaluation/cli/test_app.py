@@ -22,6 +22,7 @@ COMMANDS = (
     "evaluate crosswalk",
     "evaluate intersection",
     "evaluate prediction",
+    "evaluate eth-ucy",
     "evaluate driving",
     "estimate",
     "demo",
@@ -29,6 +30,7 @@ COMMANDS = (
     "value",
     "generate",
     "train",
+    "export",
 )
 
 
