@@ -50,7 +50,15 @@ ALL_EGOS = {**EGOS, **REFERENCE_EGOS, **ROAD_EGOS, **REACTIVE_EGOS}
 
 FORECASTERS = ("social-lstm", "transformer")
 """Networks that predict."""
+HYBRID = "hybrid-game"
+"""The network whose proposals a game makes equilibria."""
+HYBRIDS = {HYBRID: "infer-gamma", f"{HYBRID}-gamma-1": "assume-gamma-1", "hybrid-network": "none"}
+"""What is made of that network's proposals, by predictors' names; all use its weights."""
 PREDICTORS: dict[str, Callable[..., Predictor]] = {
+    **{
+        name: _entry("hybrid.predictor", "HybridPredictor", game=game)
+        for name, game in HYBRIDS.items()
+    },
     "encounter-game": _entry("predictors.encounter", "EncounterPredictor"),
     "encounter-game-gamma-1": _entry("predictors.encounter", "EncounterPredictor", infer=False),
     "junction-game": _entry("predictors.junction", "JunctionPredictor"),
@@ -76,7 +84,7 @@ SCENE_PREDICTORS: dict[str, Callable[..., Predictor]] = {
 """Predictors that need the game of the place (`History.context.game`): in simulation only."""
 ALL_PREDICTORS = {**PREDICTORS, **SCENE_PREDICTORS}
 
-LEARNED = ("social-lstm", "transformer", *REACTIVE_EGOS)
+LEARNED = (*FORECASTERS, *HYBRIDS, *REACTIVE_EGOS)
 """Networks, which need the extra `learned`."""
 
 PLANNED = "+plan"
@@ -157,7 +165,7 @@ def make_predictor(name: str, weights: str | Path | None = None) -> Predictor:
 
 def weights_file(folder: str | Path, name: str) -> Path:
     """Path of the weights of a network of the library in a folder of weights."""
-    return Path(folder) / f"{name}.safetensors"
+    return Path(folder) / f"{HYBRID if name in HYBRIDS else name}.safetensors"
 
 
 def _required(function: Callable[..., Any]) -> list[str]:

@@ -42,7 +42,7 @@ def augmented(example: Example, key: PRNGKeyArray) -> Example:
     frames = scene.frames._replace(
         place=scene.frames.place * across,
         velocity=scene.frames.velocity * across,
-        rotation=_mirrored(scene.frames.rotation, mirror),
+        rotation=_mirrored(jnp.asarray(scene.frames.rotation), mirror),
     )
     start = scene.start._replace(
         place=scene.start.place * across,
@@ -52,6 +52,7 @@ def augmented(example: Example, key: PRNGKeyArray) -> Example:
     changed = scene._replace(
         seen=seen,
         routes=routes,
+        kinematic=scene.kinematic * across,
         frames=frames,
         start=start,
         window=scene.window * across,

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from agents.hybrid.network import HYPOTHESES, Proposals, ProposalNetwork, ranked, traits_of
+from agents.hybrid.network import HYPOTHESES, ProposalNetwork, Proposals, ranked, traits_of
 from agents.hybrid.scene import Scene
 from agents.hybrid.smooth_game import Basis, SmoothGame, Traits, equilibrium
 from agents.hybrid.strategies import GAME_BASIS, HORIZON

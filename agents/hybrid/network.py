@@ -47,7 +47,10 @@ class Proposals(NamedTuple):
 
 
 class ProposalNetwork(eqx.Module):
-    """From a scene to `Proposals`."""
+    """From a scene to `Proposals`.
+
+    What is proposed departs from a share of the motion with constant turn rate and acceleration.
+    """
 
     embed: eqx.nn.MLP
     route: eqx.nn.MLP
@@ -56,6 +59,7 @@ class ProposalNetwork(eqx.Module):
     anchors: Float[Array, "M coefficients"]
     future: eqx.nn.MLP
     central: eqx.nn.MLP
+    keep: eqx.nn.Linear
     trait: eqx.nn.MLP
     noise: Float[Array, ""]
 
@@ -69,12 +73,14 @@ class ProposalNetwork(eqx.Module):
         anchors: Float[np.ndarray, "M coefficients"] | None = None,
     ) -> None:
         """`anchors`: coefficients, in units, about which the futures are proposed."""
-        keys = jax.random.split(key, 6 + depth)
+        keys = jax.random.split(key, 7 + depth)
         make = eqx.nn.MLP
         points = 2 * len(ROUTE_POINTS) + 1
-        self.embed = make(KNOWN * 5 + 4, width, width, 2, activation=jax.nn.gelu, key=keys[0])
+        self.embed = make(
+            KNOWN * 5 + 4 + COEFFICIENTS, width, width, 2, activation=jax.nn.gelu, key=keys[0]
+        )
         self.route = make(points, width, width, 1, activation=jax.nn.gelu, key=keys[1])
-        self.blocks = tuple(Block(width, heads, key=k) for k in keys[6:])
+        self.blocks = tuple(Block(width, heads, key=k) for k in keys[7:])
         self.query = 0.5 * jax.random.normal(keys[2], (MODES, width))
         blank = np.zeros((MODES, COEFFICIENTS))
         self.anchors = jnp.asarray(blank if anchors is None else anchors, jnp.float32)
@@ -83,6 +89,7 @@ class ProposalNetwork(eqx.Module):
         )
         self.central = make(width, COEFFICIENTS, width, 1, activation=jax.nn.gelu, key=keys[4])
         self.trait = make(width, 4 * HYPOTHESES, width, 1, activation=jax.nn.gelu, key=keys[5])
+        self.keep = eqx.nn.Linear(width, 1, key=keys[6])
         self.noise = jnp.asarray(-2.0)
 
     def __call__(self, scene: Scene) -> Proposals:
@@ -90,26 +97,28 @@ class ProposalNetwork(eqx.Module):
         seen, bodies = scene.seen, scene.bodies
         count = len(seen.kind)
         size = jnp.stack([bodies.half_length, bodies.half_width], axis=1)
-        flat = jnp.concatenate([jnp.reshape(seen.past, (count, -1)), seen.kind, size], axis=1)
-        tokens = jax.vmap(self.embed)(flat)
+        unit = units(scene)
+        kinematic = jnp.asarray(scene.kinematic).reshape(count, -1) / unit[:, None]
+        flat = [jnp.reshape(seen.past, (count, -1)), jnp.asarray(seen.kind), size, kinematic]
+        tokens = jax.vmap(self.embed)(jnp.concatenate(flat, axis=1))
         routes = jnp.asarray(scene.routes)
         ways = jax.vmap(jax.vmap(self.route))(routes)
         tokens = tokens + jnp.max(jnp.where(routes[..., -1:] > 0.5, ways, 0.0), axis=1)
         for block in self.blocks:
             tokens = block(tokens, jnp.asarray(seen.others), jnp.asarray(seen.there))
-        unit = units(scene)
         anchors = jax.lax.stop_gradient(self.anchors)
 
-        def proposed(token: Array, unit: Array) -> tuple[Array, Array, Array]:
+        def proposed(token: Array, unit: Array, kinematic: Array) -> tuple[Array, Array, Array]:
             raw = jax.vmap(lambda query: self.future(jnp.concatenate([token, query])))(self.query)
             ways = (anchors + raw[:, :COEFFICIENTS]).at[0].set(self.central(token))
+            ways = ways + jax.nn.sigmoid(self.keep(token)) * kinematic
             logits = raw[:, -1]
             # The central future is the most likely.
             first = jnp.max(logits[1:]) + jax.nn.softplus(logits[0])
             spread = 0.3 * unit * jax.nn.softplus(raw[:, COEFFICIENTS:-1] - 1.0)
             return unit * ways, spread, logits.at[0].set(first)
 
-        ways, spread, logits = jax.vmap(proposed, out_axes=1)(tokens, unit)
+        ways, spread, logits = jax.vmap(proposed, out_axes=1)(tokens, unit, kinematic)
         traits = jax.vmap(self.trait)(tokens).reshape(count, HYPOTHESES, 4).swapaxes(0, 1)
         return Proposals(
             ways.reshape(MODES, count, DEGREE, 2),
@@ -128,7 +137,8 @@ def units(scene: Scene) -> Float[Array, "A"]:
 LEAST_GAMMA = 0.05
 """Per second."""
 START = (1.0, -2.0, 3.4, -2.3)
-"""Of the numbers that traits are made of: gamma 0.74, effort 0.14 s^4, conflict 30, margin 0.1 m."""
+"""Numbers that traits are made of before training: gamma 0.74 per second, effort 0.14 s^4,
+conflict 30, margin 0.1 m."""
 
 
 def traits_of(numbers: Float[Array, "*batch 4"]) -> Traits:

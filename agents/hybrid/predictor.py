@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import equinox as eqx
 import jax
@@ -28,6 +28,15 @@ PLACES = (2, 4, AGENTS)
 IDENTIFIED = 0.5
 """A discount factor is identifiable where the window leaves at most this part of the prior's
 standard deviation."""
+
+
+GameBetween = Literal["infer-gamma", "assume-gamma-1", "none"]
+USES: dict[str, tuple[str, GameUse]] = {
+    "infer-gamma": (NAME, GameUse()),
+    "assume-gamma-1": (f"{NAME}-gamma-1", GameUse(infer=False)),
+    "none": ("hybrid-network", GameUse(game=False)),
+}
+"""Predictors' names and what they make of the network's proposals."""
 
 
 class Explanation(NamedTuple):
@@ -60,15 +69,18 @@ class HybridPredictor:
     """A network's proposals, made equilibria of a game whose traits the window corrects."""
 
     weights: str = ""
-    """A .safetensors file that `foresight train hybrid-game` has written; empty: the shipped one."""
-    use: GameUse = GameUse()
+    """A .safetensors file of `foresight train hybrid-game`; empty: the shipped one."""
+    game: GameBetween = "infer-gamma"
+    """Game between the proposals: "infer-gamma", "assume-gamma-1" or "none"."""
+
+    def __post_init__(self) -> None:
+        if self.game not in USES:
+            raise ValueError(f"game: is {self.game!r}; expected one of {', '.join(USES)}")
 
     @property
     def name(self) -> str:
         """Name in tables and on the command line."""
-        if not self.use.game:
-            return f"{NAME}-network-alone"
-        return NAME if self.use.infer else f"{NAME}-gamma-1"
+        return USES[self.game][0]
 
     def predict(self, history: History, steps: int) -> Forecast:
         """Return joint futures with covariances; beyond 4.8 s they go straight on.
@@ -134,7 +146,7 @@ class HybridPredictor:
     def _solved(self, history: History) -> tuple[Scene, Float[np.ndarray, "2"], JointFutures]:
         places = next(p for p in PLACES if p >= min(len(history.kinds), AGENTS))
         scene, middle = scene_of(history, places)
-        return scene, middle, _futures(self._network[0], scene, self.use)
+        return scene, middle, _futures(self._network[0], scene, USES[self.game][1])
 
 
 def _gammas(found: JointFutures, count: int) -> tuple[np.ndarray, np.ndarray]:

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float32
+from jaxtyping import Bool, Float, Float32
 
 from agents.hybrid.smooth_game import Bodies, Frames
+from agents.hybrid.strategies import GAME_BASIS
 from agents.interfaces.predictor import History
-from agents.learned.features import KNOWN, STEP, Features, features_of, present_tracks
+from agents.learned.features import STEP, Features, features_of, present_tracks
+from agents.learned.features import Frames as LearnedFrames
+from agents.predictors.kinematic import ConstantTurnRateAccelerationPredictor
 from foresight_env.datasets import Route, routes_at
 from foresight_env.games.kinds import body_radius, is_vehicle, kind_of
 
@@ -34,6 +38,8 @@ class Scene(NamedTuple):
     routes: Float32[np.ndarray, "*b A routes numbers"]
     """Routes ahead in the agent's frame, over `ROUTE_UNIT`; the last number is 1 where there is
     one."""
+    kinematic: Float32[np.ndarray, "*b A B 2"]
+    """Coefficients of motion with constant turn rate and acceleration; of people, velocity."""
     frames: Frames
     """Now."""
     bodies: Bodies
@@ -74,7 +80,7 @@ def scene_of(history: History, agents: int) -> tuple[Scene, Float32[np.ndarray, 
     start = Frames(placed(window[:, 0]), placed((window[:, 1] - window[:, 0]) / STEP), rotation)
     known = placed(followed.astype(np.float32)) > 0.5
     scene = Scene(
-        seen, _routes(plain, now.velocity, agents), frames, _bodies(history, agents), start,
+        seen, _routes(plain, now.velocity, agents), placed(_kinematic(history, now)), frames, _bodies(history, agents), start,
         placed(window), known,
     )  # fmt: skip
     return scene, middle.astype(np.float32)
@@ -88,6 +94,22 @@ def smoothed(history: History) -> History:
         weights = np.array(RECENT[: len(late)])
         states[late[0], i, 2:] = weights @ history.states[late, i, 2:] / weights.sum()
     return replace(history, states=states)
+
+
+def _kinematic(history: History, now: LearnedFrames) -> Float[np.ndarray, "A B 2"]:
+    """Coefficients, in agents' axes, of the forecast of `ConstantTurnRateAccelerationPredictor`."""
+    times = np.asarray(GAME_BASIS.times, dtype=float)
+    steps = math.ceil(times[-1] / history.dt - 1e-6)
+    path = ConstantTurnRateAccelerationPredictor().predict(history, steps).most_likely
+    count = len(now.place)
+    whole = np.concatenate([now.place[None], path[:, :count]])
+    moments = history.dt * np.arange(steps + 1)
+    at = np.stack(
+        [[np.interp(times, moments, whole[:, i, c]) for c in (0, 1)] for i in range(count)]
+    )
+    away = at.swapaxes(1, 2) - now.place[:, None] - times[:, None] * now.velocity[:, None]
+    fitted = np.linalg.pinv(GAME_BASIS.value.astype(float))
+    return np.einsum("bt,ati,aik->abk", fitted, away, now.rotation)
 
 
 def _bodies(history: History, agents: int) -> Bodies:

@@ -131,7 +131,7 @@ def _room(game: SmoothGame, basis: Basis) -> _Room:
 
 
 class _Conflicts(NamedTuple):
-    """Depths of others in i's room, with derivatives by i's place; those by j's are the negative."""
+    """Depths of others in i's room, and derivatives by i's place; by j's they are the negative."""
 
     depth: Float[Array, "A A T"]
     slope: Float[Array, "A A T 2"]

@@ -1,8 +1,8 @@
 """Inverse game on a scene's window: the evidence of traits, and traits that explain it better.
 
 The game that was played from the window's first step: agents preferred a motion of constant
-velocity, and equilibrium motion is what was observed, up to noise. One Gauss-Newton step on
-preferred velocities and traits, from the network's proposal and with its own prior.
+velocity, and equilibrium motion is what was observed, up to noise. A fixed number of Gauss-Newton
+steps on preferred velocities and traits, from the network's proposal and with its own prior.
 """
 
 from __future__ import annotations
@@ -22,6 +22,8 @@ from agents.learned.features import KNOWN, STEP
 
 OBSERVED = KNOWN - 1
 """Steps of the game in the window."""
+LAYERS = 2
+"""Gauss-Newton steps."""
 VELOCITY_DEVIATION = 1.0
 """Of the prior of preferred velocities about the mean one, m/s."""
 TRAIT_DEVIATION = 1.0
@@ -64,24 +66,26 @@ def explained(scene: Scene, numbers: Float[Array, "A 4"], noise: Float[Array, ""
         return jnp.where(followed[:, None, None], missed, 0.0)
 
     start = jnp.concatenate([change, numbers], axis=1)
-    count = start.size
-    # Training differentiates the step by the noise and the proposal, not by the game's second
-    # derivatives.
-    fixed = jax.lax.stop_gradient(start)
-    error = jax.lax.stop_gradient(residual(fixed)).ravel() / noise
-    slope = jax.lax.stop_gradient(jax.jacfwd(residual)(fixed)).reshape(error.size, count) / noise
     prior = np.array([VELOCITY_DEVIATION] * 2 + [TRAIT_DEVIATION] * 4, np.float32)
     precision = jnp.tile(jnp.asarray(prior) ** -2.0, len(start))
-    matrix = slope.T @ slope + jnp.diag(precision)
-    factor = jax.scipy.linalg.cho_factor(matrix, lower=True)
-    pull = slope.T @ error
-    step = -jax.scipy.linalg.cho_solve(factor, pull)
-    variance = jnp.diag(jax.scipy.linalg.cho_solve(factor, jnp.eye(count, dtype=error.dtype)))
-    determinant = 2.0 * jnp.sum(jnp.log(jnp.diag(factor[0]))) - jnp.sum(jnp.log(precision))
     observed = 2.0 * OBSERVED * jnp.sum(followed)
-    evidence = -0.5 * (error @ error + step @ pull + determinant) - observed * jnp.log(noise)
+    departure = jnp.zeros(start.size)
+    for _ in range(LAYERS):
+        # Training differentiates the step by the noise and the proposal, not by the game's second
+        # derivatives.
+        fixed = jax.lax.stop_gradient(start + departure.reshape(start.shape))
+        error = jax.lax.stop_gradient(residual(fixed)).ravel() / noise
+        slope = jax.lax.stop_gradient(jax.jacfwd(residual)(fixed)).reshape(error.size, -1) / noise
+        factor = jax.scipy.linalg.cho_factor(slope.T @ slope + jnp.diag(precision), lower=True)
+        # Residuals of a linear model, at the proposal.
+        linear = error - slope @ jax.lax.stop_gradient(departure)
+        pull = slope.T @ linear
+        departure = -jax.scipy.linalg.cho_solve(factor, pull)
+    covariance = jax.scipy.linalg.cho_solve(factor, jnp.eye(start.size, dtype=error.dtype))
+    determinant = 2.0 * jnp.sum(jnp.log(jnp.diag(factor[0]))) - jnp.sum(jnp.log(precision))
+    evidence = -0.5 * (linear @ linear + departure @ pull + determinant)
     return Explained(
-        numbers + step.reshape(start.shape)[:, 2:],
-        jnp.sqrt(variance).reshape(start.shape)[:, 2:],
-        evidence,
+        numbers + departure.reshape(start.shape)[:, 2:],
+        jnp.sqrt(jnp.diag(covariance)).reshape(start.shape)[:, 2:],
+        evidence - observed * jnp.log(noise),
     )

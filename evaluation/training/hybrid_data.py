@@ -24,7 +24,7 @@ PARTS = {"train": (0.0, 0.85), "validation": (0.85, 1.0)}
 """Of a long recording's frames."""
 PLAYING = 4
 """Places for agents in the examples of the second stage: games with fewer agents are cheaper."""
-MOST_PLAYED = 2000
+MOST_PLAYED = 1500
 """Examples of the second stage, chosen at random of those in which agents come close."""
 CLOSE = 1.0
 """Distance of the surfaces of bodies in straight motion below which agents come close, m."""

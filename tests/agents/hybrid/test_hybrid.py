@@ -110,25 +110,31 @@ def test_games_keep_agents_apart_that_their_proposals_do_not():
     assert least(found.strategy) > least(straight) + 0.2
 
 
-def test_the_window_finds_the_margin_that_it_was_made_with():
-    """Positions of a solved game: the traits that made it explain them better than others."""
+@pytest.mark.parametrize("polite", [True, False])
+def test_the_window_prefers_the_traits_that_it_was_made_with(polite):
+    """Positions of a solved game, of agents who make way for each other or do not."""
     history = walkers(gap=0.0)  # they meet in the window
+    history.states[:, :, 0] += np.array([0.0, 0.4, -0.3])
+    history.states[:, :, 1] += np.array([0.3, 0.0, 0.0])
     scene, _ = scene_of(history, PLACES)
     start = scene.start
-    truth = jnp.tile(jnp.array([1.0, -2.0, 0.7, -0.1]), (PLACES, 1))
-    velocity = jnp.zeros((PLACES, 4, 2))
-    game = SmoothGame(start, scene.bodies, traits_of(truth), velocity)
-    made = positions(start, equilibrium(game, GAME_BASIS).strategy, GAME_BASIS)[:, :7]
+    makes_way = jnp.tile(jnp.array([1.0, -2.0, 1.1, -0.7]), (PLACES, 1))
+    ignores = makes_way.at[:, 2].set(-6.0)
+    truth, other = (makes_way, ignores) if polite else (ignores, makes_way)
+    game = SmoothGame(start, scene.bodies, traits_of(truth), jnp.zeros((PLACES, 4, 2)))
+    solved = equilibrium(game, GAME_BASIS)
+    assert solved.solved
+    made = positions(start, solved.strategy, GAME_BASIS)[:, :7]
     window = jnp.concatenate([start.place[:, None], made], axis=1)
     scene = scene._replace(window=np.asarray(window))
     noise = jnp.asarray(0.02)
-    right = explained(scene, truth, noise)
-    wrong = truth.at[:, 3].set(-3.0)
-    missed = explained(scene, wrong, noise)
-    assert float(right.evidence) > float(missed.evidence) + 2.0
-    # The margin is corrected towards the true one.
-    assert (np.asarray(missed.numbers)[:3, 3] > -3.0).all()
-    assert (np.asarray(right.deviation) <= 1.0 + 1e-5).all()
+    right, wrong = (explained(scene, numbers, noise) for numbers in (truth, other))
+    assert float(right.evidence) > float(wrong.evidence) + 2.0
+    for found in (right, wrong):
+        assert (np.asarray(found.deviation) <= 1.0 + 1e-5).all()
+    # Corrections go towards the truth.
+    towards = np.asarray(wrong.numbers)[:3, 2] - np.asarray(other)[:3, 2]
+    assert (np.sign(float((truth - other)[0, 2])) * towards).max() > 0.1
 
 
 def test_without_inference_discount_factors_are_one():
