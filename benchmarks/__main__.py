@@ -39,6 +39,7 @@ class Study(StrEnum):
     VECTOR = "vector"
     DRIVING = "driving"
     PREDICTION = "prediction"
+    HYBRID = "hybrid"
     VELOCITY_LEAK = "velocity_leak"
     WINDOWS = "windows"
     RECORDINGS = "recordings"

@@ -52,6 +52,8 @@ class Explanation(NamedTuple):
     """Who gives way to whom: i pays for coming close to j."""
     solved: bool
     """Whether the future is an equilibrium; else it is the network's proposal."""
+    solved_share: float
+    """Of all futures."""
 
 
 @lru_cache(maxsize=16)
@@ -137,6 +139,7 @@ class HybridPredictor:
             near,
             np.asarray(met)[:count, :count],
             bool(found.solved[0]),
+            float(np.mean(np.asarray(found.solved))),
         )
 
     @property

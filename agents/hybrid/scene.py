@@ -80,9 +80,15 @@ def scene_of(history: History, agents: int) -> tuple[Scene, Float32[np.ndarray, 
     start = Frames(placed(window[:, 0]), placed((window[:, 1] - window[:, 0]) / STEP), rotation)
     known = placed(followed.astype(np.float32)) > 0.5
     scene = Scene(
-        seen, _routes(plain, now.velocity, agents), placed(_kinematic(history, now)), frames, _bodies(history, agents), start,
-        placed(window), known,
-    )  # fmt: skip
+        seen,
+        _routes(plain, now.velocity, agents),
+        placed(_kinematic(history, now)),
+        frames,
+        _bodies(history, agents),
+        start,
+        placed(window),
+        known,
+    )
     return scene, middle.astype(np.float32)
 
 
