@@ -40,6 +40,7 @@ class Study(StrEnum):
     DRIVING = "driving"
     PREDICTION = "prediction"
     VELOCITY_LEAK = "velocity_leak"
+    PROTOCOL_RULES = "protocol_rules"
     WINDOWS = "windows"
     RECORDINGS = "recordings"
     SENSITIVITY = "sensitivity"
