@@ -41,6 +41,7 @@ class Study(StrEnum):
     PREDICTION = "prediction"
     HYBRID = "hybrid"
     VELOCITY_LEAK = "velocity_leak"
+    PROTOCOL_RULES = "protocol_rules"
     WINDOWS = "windows"
     RECORDINGS = "recordings"
     SENSITIVITY = "sensitivity"

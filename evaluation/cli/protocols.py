@@ -21,6 +21,7 @@ from evaluation.cli.options import (
 
 SCENE_NAMES = ("eth", "hotel", "univ", "zara1", "zara2")
 """Of `evaluation.windows.eth_ucy`, which loads NumPy."""
+NETWORKS = tuple(name for name in LEARNED if name in PREDICTOR_NAMES)
 DEFAULT = (
     "constant-velocity", "constant-velocity-sampled", "constant-acceleration", "kalman",
     "social-force", "orca",
@@ -45,7 +46,7 @@ def evaluate_eth_ucy(
         Path | None,
         typer.Option(
             help="Folder of weights trained without the scene that they predict: "
-            f"SCENE/NAME.safetensors for {', '.join(n for n in LEARNED if n in PREDICTOR_NAMES)}; "
+            f"SCENE/NAME.safetensors for {', '.join(NETWORKS)}; "
             "your own class is given WEIGHTS/SCENE if it takes `weights`. Default: those "
             "of the library.",
             show_default=False,

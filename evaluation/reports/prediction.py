@@ -175,8 +175,9 @@ def class_differences(rows: Sequence[Row]) -> list[Line]:
     names = predictors(rows)
     for part in parts(rows):
         for name, chosen in CLASSES.items():
-            for other in (reference for reference in REFERENCES if reference in names):
-                for first in (n for n in names if n != other):
+            for k, other in enumerate(REFERENCES):
+                # The difference of two references is shown once.
+                for first in (n for n in names if n not in REFERENCES[: k + 1]):
                     found = paired(rows, part, first, other, partial(_class_error, chosen))
                     if found and found["windows"]:
                         lines.append(
