@@ -43,7 +43,9 @@ class Explained(NamedTuple):
     """Logarithm of the window's likelihood, over which parameters are integrated (Laplace)."""
 
 
-def explained(scene: Scene, numbers: Float[Array, "A 4"], noise: Float[Array, ""]) -> Explained:
+def explained(
+    scene: Scene, numbers: Float[Array, "A 4"], noise: Float[Array, ""], infer: bool = True
+) -> Explained:
     """Return what the window says of traits, given as the unbounded numbers of `traits_of`.
 
     Args:
