@@ -22,6 +22,24 @@ def _read_only(values: Any, dtype: type) -> np.ndarray:
     return array
 
 
+def backward_differences(
+    times: Float[np.ndarray, " F"], positions: Float[np.ndarray, "F 2"]
+) -> Float[np.ndarray, "F 2"]:
+    """Return velocities (m/s) from the row before to each row, which no later row enters.
+
+    Args:
+        times: (F,) s, strictly increasing.
+        positions: (F, 2) m.
+
+    Returns:
+        (F, 2) m/s; of the first row that of the second, or 0 where there is no second.
+    """
+    if len(positions) < 2:
+        return np.zeros_like(positions)
+    steps = np.diff(positions, axis=0) / np.diff(times)[:, None]
+    return np.concatenate([steps[:1], steps])
+
+
 @dataclass(frozen=True, eq=False)
 class Track:
     """One agent's recorded trajectory: one row per frame in which the agent was observed.
