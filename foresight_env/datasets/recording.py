@@ -91,7 +91,7 @@ class Recording:
             ValueError: a column is missing, or a value in it cannot be used; the message names
                 the column and the row.
 
-        Example:
+        Examples:
             >>> table = {"t": [0.0, 0.1], "id": [7, 7], "x": [0.0, 0.1], "y": [0.0, 0.0]}
             >>> columns = {"time": "t", "agent": "id"}
             >>> Recording.from_dataframe(table, columns=columns, rate=10).agents
