@@ -151,7 +151,10 @@ def _open_in_directory(
 
 
 def recordings_below(path: str | os.PathLike[str]) -> tuple[tuple[Path, str | None], ...]:
-    """Every recording in a directory and the directories below it, without reading them.
+    """Return every recording in a directory and the directories below it, without reading them.
+
+    Args:
+        path: a directory, or a file.
 
     Returns:
         Pairs for ``open_recording(directory, recording=name)``, in the order of their paths; for

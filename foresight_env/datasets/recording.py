@@ -130,7 +130,17 @@ class Recording:
         )
 
     def track(self, agent: str) -> Track:
-        """Return one agent's track; raises ValueError for an unknown id."""
+        """Return one agent's track.
+
+        Args:
+            agent: its id.
+
+        Returns:
+            The track.
+
+        Raises:
+            ValueError: the id is unknown.
+        """
         if agent not in self._index:
             known = ", ".join(self.agents[:8]) + (", ..." if len(self.agents) > 8 else "")
             raise ValueError(f"recording {self.name!r} has no agent {agent!r}; it has {known}")
@@ -151,7 +161,8 @@ class Recording:
             every: keep frame numbers at this distance, counted from the first frame number (of
                 `frames`, else of the recording). It counts frame numbers, not rows.
 
-        Agents without any row left are dropped.
+        Returns:
+            The recording; agents without any row left are dropped.
 
         Raises:
             ValueError: an unknown agent, ``every < 1``, or ``first > last``.
@@ -173,10 +184,14 @@ class Recording:
         return replace(self, tracks=tuple(kept))
 
     def rotate(self, angle: float) -> "Recording":
-        """Return the recording turned anticlockwise about the origin by `angle` (rad).
+        """Return the recording turned anticlockwise about the origin.
 
-        Positions and velocities are turned; the angle is added to headings, which come out in
-        [0, 2*pi) (see `Window.unwrapped_headings` for headings without jumps).
+        Args:
+            angle: rad.
+
+        Returns:
+            The recording with positions and velocities turned, and the angle added to headings,
+            which lie in [0, 2*pi) (see `Window.unwrapped_headings` for headings without jumps).
 
         Raises:
             ValueError: the angle is not finite.
@@ -215,6 +230,9 @@ class Recording:
             first_frame: frame number of the first row of the window.
             steps: number K >= 1 of frames.
             every: distance in frame numbers; None means `frame_step`, i.e. every recorded row.
+
+        Returns:
+            A window of A agents and K frames.
 
         Raises:
             ValueError: unknown or repeated agents, ``steps < 1``, ``every < 1``.
@@ -261,6 +279,9 @@ class Recording:
             dt: s, positive.
             maximal_gap: s; None means one row spacing (``frame_step / rate``), so that no missing
                 row is bridged.
+
+        Returns:
+            The recording at the rate ``1 / dt``.
 
         Raises:
             ValueError: `dt` is not positive and finite, or `maximal_gap` is negative.

@@ -110,7 +110,14 @@ class Track:
     __hash__ = None  # type: ignore[assignment]  # holds arrays, so equality cannot be hashed
 
     def restricted(self, rows: np.ndarray) -> "Track":
-        """Return the track with fewer rows; `rows` is a mask or an index array."""
+        """Return the track with fewer rows.
+
+        Args:
+            rows: a mask (F,) or an index array.
+
+        Returns:
+            The track of these rows.
+        """
         return replace(
             self,
             frames=self.frames[rows],
@@ -152,7 +159,10 @@ class Window:
         """Return the headings without jumps of 2*pi between the frames of each agent.
 
         Files state headings in one turn, so a car that passes the branch jumps by 2*pi; a model
-        that compares headings must not see that. NaN stays NaN.
+        that compares headings must not see that.
+
+        Returns:
+            (K, A) rad; NaN stays NaN.
         """
         result = self.headings.copy()
         for column in result.T:

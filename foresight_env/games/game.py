@@ -189,7 +189,15 @@ class Game:
 def inside_bounds(
     game: Game, states: Sequence[Float[np.ndarray, "_"]]
 ) -> tuple[Float[np.ndarray, "_"], ...]:
-    """Per-player states (n_i,), clipped into their bounds: estimates may lie just outside."""
+    """Return states clipped into the players' bounds: estimates may lie just outside.
+
+    Args:
+        game: with the bounds of the first stage.
+        states: per-player states (n_i,).
+
+    Returns:
+        Per-player states (n_i,).
+    """
     out = []
     for player, state in zip(game.players, states, strict=True):
         box = player.state_bounds
