@@ -109,15 +109,13 @@ class Recording:
 
     @cached_property
     def frame_step(self) -> int:
-        """Greatest common divisor of all differences of frame numbers: 1 in inD and DUT, 10 in UCY.
+        """Spacing of the rows in frame numbers: 1 in inD and DUT, 10 in UCY.
 
-        It is the spacing of the rows; 1 where the recording has fewer than two different frames.
+        It is the greatest common divisor of the differences within tracks: those that do not
+        overlap may count from different frames (ETH). 1 where no track has two rows.
         """
-        if not self.tracks:
-            return 1
-        starts = np.array([track.frames[0] for track in self.tracks])
-        steps = [np.diff(track.frames) for track in self.tracks] + [starts - starts[0]]
-        return int(np.gcd.reduce(np.concatenate(steps))) or 1
+        steps = [np.diff(track.frames) for track in self.tracks]
+        return int(np.gcd.reduce(np.concatenate(steps))) or 1 if steps else 1
 
     @cached_property
     def frame_range(self) -> tuple[int, int]:

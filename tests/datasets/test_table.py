@@ -211,3 +211,14 @@ def test_the_rate_of_other_formats(tmp_path: Path):
     clip.write_text("id,frame,label,x_est,y_est,vx_est,vy_est\n0,0,ped,0,0,0,0\n")
     with pytest.raises(ValueError, match="rate: is 10; leave it out, dut states that"):
         open_recording(clip, rate=10)
+
+
+def test_rows_that_begin_at_other_frames():
+    """As in ETH's first scene, where later people have other frame numbers, modulo the spacing."""
+    frames = [0, 6, 12, 103, 109, 103, 109]
+    agents = ["a", "a", "a", "b", "b", "c", "c"]
+    table = {"frame": frames, "agent": agents, "x": np.arange(7.0), "y": np.zeros(7)}
+    found = Recording.from_dataframe(table, rate=15)
+    assert found.frame_step == 6
+    assert found.window(("b", "c"), 103, 2).complete
+    assert Recording.from_dataframe({k: v[:1] for k, v in table.items()}, rate=15).frame_step == 1
