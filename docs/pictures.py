@@ -28,7 +28,7 @@ EGOS = {
     "assume-gamma-1": "takes every walker to look far ahead",
     "infer-gamma": "infers how far ahead each walker looks",
 }
-SCENE = (0, 40, 640, 580)
+SCENE = (0, 50, 640, 606)
 """Part of a frame with the agents: left, top, right, bottom, in pixels."""
 HEADER, FOOTER = 84, 120
 BAR = (70, 38, 220, 16)
@@ -56,6 +56,7 @@ def frames_of(ego: str, setting: RunSetting) -> tuple[list[tuple[Image.Image, Ov
         env.set_overlay(overlay)
         frames.append((Image.fromarray(env.render()), overlay))
     env.close()
+    frames = frames[1:]  # from one observation nothing is inferred
     return frames, f"{ending(step.info)}\nafter {step.info['time']:.1f} s"
 
 
