@@ -9,6 +9,7 @@ from collections.abc import Callable
 from functools import partial
 from importlib import import_module
 from inspect import Parameter, isfunction, signature
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from foresight_env.extras import require
@@ -49,7 +50,15 @@ ALL_EGOS = {**EGOS, **REFERENCE_EGOS, **ROAD_EGOS, **REACTIVE_EGOS}
 
 FORECASTERS = ("social-lstm", "transformer")
 """Networks that predict."""
-PREDICTORS: dict[str, Callable[[], Predictor]] = {
+HYBRID = "hybrid-game"
+"""The network whose proposals a game makes equilibria."""
+HYBRIDS = {HYBRID: "infer-gamma", f"{HYBRID}-gamma-1": "assume-gamma-1", "hybrid-network": "none"}
+"""What is made of that network's proposals, by predictors' names; all use its weights."""
+PREDICTORS: dict[str, Callable[..., Predictor]] = {
+    **{
+        name: _entry("hybrid.predictor", "HybridPredictor", game=game)
+        for name, game in HYBRIDS.items()
+    },
     "encounter-game": _entry("predictors.encounter", "EncounterPredictor"),
     "encounter-game-gamma-1": _entry("predictors.encounter", "EncounterPredictor", infer=False),
     "junction-game": _entry("predictors.junction", "JunctionPredictor"),
@@ -57,6 +66,7 @@ PREDICTORS: dict[str, Callable[[], Predictor]] = {
     "kkt-residual": _entry("predictors.kkt_residual", "KktResidualPredictor"),
     "particle-filter": _entry("predictors.particle_filter", "ParticleFilterPredictor"),
     "constant-velocity": _entry("predictors.kinematic", "ConstantVelocityPredictor"),
+    "constant-velocity-sampled": _entry("predictors.sampled_velocity", "SampledVelocityPredictor"),
     "constant-turn-rate": _entry("predictors.kinematic", "ConstantTurnRatePredictor"),
     "constant-acceleration": _entry(
         "predictors.kinematic", "ConstantTurnRateAccelerationPredictor"
@@ -67,14 +77,14 @@ PREDICTORS: dict[str, Callable[[], Predictor]] = {
     "idm": _entry("predictors.idm", "IdmPredictor"),
     **{name: _entry("learned.predictor", "LearnedPredictor", name) for name in FORECASTERS},
 }
-SCENE_PREDICTORS: dict[str, Callable[[], Predictor]] = {
+SCENE_PREDICTORS: dict[str, Callable[..., Predictor]] = {
     "scene-game": _entry("predictors.scene_game", "SceneGamePredictor"),
     "scene-game-gamma-1": _entry("predictors.scene_game", "SceneGamePredictor", infer=False),
 }
 """Predictors that need the game of the place (`History.context.game`): in simulation only."""
 ALL_PREDICTORS = {**PREDICTORS, **SCENE_PREDICTORS}
 
-LEARNED = ("social-lstm", "transformer", *REACTIVE_EGOS)
+LEARNED = (*FORECASTERS, *HYBRIDS, *REACTIVE_EGOS)
 """Networks, which need the extra `learned`."""
 
 PLANNED = "+plan"
@@ -121,24 +131,41 @@ def make_ego(name: str) -> EgoPolicy[Any]:
     return ALL_EGOS[name]()
 
 
-def make_predictor(name: str) -> Predictor:
+def make_predictor(name: str, weights: str | Path | None = None) -> Predictor:
     """Make a predictor: a registered name, or your own as `module:Class` or `module:function`.
 
+    Args:
+        name: The name.
+        weights: Folder of weights, in place of the shipped ones: a network of the library reads
+            `NAME.safetensors` there (`weights_file`); your own class or function gets the folder
+            where it has a parameter `weights`. All others ignore it.
+
     Raises:
-        ValueError: the name is unknown or its module cannot be used; the message lists the names.
+        ValueError: the name is unknown, its module cannot be used, or the folder lacks a network's
+            weights; the message lists the names or names the file.
         MissingExtraError: it is a network and the extra `learned` is not installed.
     """
     check_extra(name)
     if ":" in name:
         from agents.interfaces.predictor import Predictor
 
-        return _loaded("predictor", name, Predictor, "name and predict")
+        return _loaded("predictor", name, Predictor, "name and predict", weights)
     if name not in ALL_PREDICTORS:
         raise ValueError(
             f"predictor: {name!r} is unknown; choose from {', '.join(ALL_PREDICTORS)}, or your own "
             "as module:Class"
         )
-    return ALL_PREDICTORS[name]()
+    if weights is None or name not in LEARNED:
+        return ALL_PREDICTORS[name]()
+    path = weights_file(weights, name)
+    if not path.is_file():
+        raise ValueError(f"{path}: is missing; train {name}, or name another folder of weights")
+    return ALL_PREDICTORS[name](weights=str(path))
+
+
+def weights_file(folder: str | Path, name: str) -> Path:
+    """Path of the weights of a network of the library in a folder of weights."""
+    return Path(folder) / f"{HYBRID if name in HYBRIDS else name}.safetensors"
 
 
 def _required(function: Callable[..., Any]) -> list[str]:
@@ -148,10 +175,13 @@ def _required(function: Callable[..., Any]) -> list[str]:
     return [p.name for p in parameters if p.default is p.empty and p.kind not in optional]
 
 
-def _loaded(what: str, name: str, protocol: Any, members: str) -> Any:
+def _loaded(
+    what: str, name: str, protocol: Any, members: str, weights: str | Path | None = None
+) -> Any:
     """An object of a user's module, or what a class or function there makes.
 
-    A function of a history and a number of steps is a predictor itself.
+    A function of a history and a number of steps is a predictor itself. `weights`: folder that is
+    passed on where the class or function has a parameter of that name.
     """
     module, _, attribute = name.partition(":")
     try:
@@ -165,8 +195,11 @@ def _loaded(what: str, name: str, protocol: Any, members: str) -> Any:
 
         return FunctionPredictor(found, attribute)
     ready = isinstance(found, protocol) and not isinstance(found, type)
+    given = {}
+    if weights is not None and not ready and "weights" in signature(found).parameters:
+        given["weights"] = str(weights)
     try:
-        made = found() if callable(found) and not ready else found
+        made = found(**given) if callable(found) and not ready else found
     except TypeError as error:
         raise ValueError(
             f"{what}: {name!r} cannot be made without arguments ({error}); name an object, or a "

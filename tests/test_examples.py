@@ -6,6 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from evaluation.studies.eth_ucy import study
+from evaluation.training.export import export_recordings
+from tests.support.made_scenes import write_scenes
+
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 
 
@@ -38,6 +42,24 @@ def test_a_plain_function_predicts():
     errors = example("own_predictor")["main"](episodes=2)
     assert set(errors) == {"slowing", "constant-velocity", "kalman"}
     assert all(0.0 < error < 2.0 for error in errors.values())
+
+
+def test_a_network_enters_the_protocol(tmp_path, monkeypatch):
+    """Exported, trained without each scene, evaluated with the weights of the scene."""
+    data = write_scenes(tmp_path / "data")
+    tensors = export_recordings(data, tmp_path / "tensors")
+    monkeypatch.syspath_prepend(EXAMPLES)
+    example("own_jax_predictor")["main"](tmp_path / "tensors", tmp_path / "weights", rounds=100)
+    name = "own_jax_predictor:OwnMlp"
+    rows = study(tmp_path / "out", data, (name,), weights=tmp_path / "weights", workers=0)
+    assert not any(row["error"] for row in rows)
+    assert len({row["scene"] for row in rows}) == len(np.unique(tensors.scene)) == 5
+    # They walk straight on, which a new network is wrong about.
+    untrained = study(tmp_path / "out", data, (name,), workers=0)
+    errors = [np.mean([e for row in part for e in row["ade"]]) for part in (rows, untrained)]
+    assert errors[0] < 0.5 * errors[1]
+    with pytest.raises(FileNotFoundError, match="own-mlp"):
+        study(tmp_path / "new", data, (name,), weights=tmp_path / "none", workers=0)
 
 
 def test_many_environments_are_stepped_together():

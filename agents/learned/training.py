@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -25,6 +26,8 @@ from foresight_env.files import write_atomically
 
 Loss = Callable[[Any, Any], tuple[Any, Any]]
 """From a network and one example (a PyTree of arrays): a loss, and how much it counts."""
+Augment = Callable[[Any, Any], Any]
+"""From one example and a random key: another example that is as true."""
 
 
 @dataclass(frozen=True)
@@ -39,6 +42,10 @@ class Schedule:
     patience: int = 15
     """Epochs without a better validation after which it ends."""
     seed: int = 0
+    warmup: int = 0
+    """Steps in which the rate grows from 0."""
+    most_norm: float = math.inf
+    """Largest norm of a step's gradient; longer ones are shortened."""
 
 
 class Epoch(NamedTuple):
@@ -67,12 +74,14 @@ def train(
     folder: Path,
     schedule: Schedule = Schedule(),
     *,
+    augment: Augment | None = None,
     on_epoch: Callable[[Epoch], None] = lambda epoch: None,
 ) -> Trained:
     """Train what `make(key)` makes, with checkpoints in `folder`; resume from the last one.
 
-    `examples`, `validation`: PyTrees of NumPy arrays with a leading axis. `on_epoch`: is called
-    with every epoch as it ends. `ValueError` where the folder holds the training of something else.
+    `examples`, `validation`: PyTrees of NumPy arrays with a leading axis. `augment`: changes every
+    example of a batch; validation uses the examples as they are. `on_epoch`: is called with every
+    epoch as it ends. `ValueError` where the folder holds the training of something else.
     """
     count = len(jax.tree.leaves(examples)[0])
     if count < 1 or len(jax.tree.leaves(validation)[0]) < 1:
@@ -81,21 +90,20 @@ def train(
     start = make(first)
     batch = min(schedule.batch, count)
     steps = count // batch
-    optimiser = optax.adamw(
-        optax.cosine_decay_schedule(schedule.rate, schedule.epochs * steps),
-        weight_decay=schedule.decay,
-    )
+    optimiser = _optimiser(schedule, steps)
     blank = (start, optimiser.init(eqx.filter(start, eqx.is_array)), start)
     about = {"schedule": asdict(schedule), "data": _digest((examples, validation))}
     checkpoint = Checkpoint(folder, about)
     (network, state, best), curve = checkpoint.load(blank)
-    run_epoch = _epoch(loss, optimiser)
+    run_epoch = _epoch(loss, optimiser, augment)
     judge = eqx.filter_jit(lambda network, data: _mean(loss, network, data))
     while len(curve) < schedule.epochs and not is_tired(curve, schedule.patience):
         number = len(curve)
         order = jax.random.permutation(jax.random.fold_in(key, number), count)
         order = order[: steps * batch].reshape(steps, batch)
-        network, state, value = run_epoch(network, state, examples, order)
+        drawn = jax.random.fold_in(jax.random.fold_in(key, number), 1)
+        keys = jax.random.split(drawn, order.shape)
+        network, state, value = run_epoch(network, state, examples, order, keys)
         judged = float(judge(network, validation))
         if not np.isfinite([float(value), judged]).all():
             raise ValueError(
@@ -121,23 +129,39 @@ def _mean(loss: Loss, network: Any, data: Any) -> Any:
     return jnp.sum(losses) / jnp.maximum(jnp.sum(weights), 1)
 
 
-def _epoch(loss: Loss, optimiser: Any) -> Any:
+def _optimiser(schedule: Schedule, steps: int) -> Any:
+    """AdamW with a cosine schedule over all epochs; `steps` in each."""
+    whole = schedule.epochs * steps
+    if schedule.warmup:
+        rate = optax.warmup_cosine_decay_schedule(0.0, schedule.rate, schedule.warmup, whole)
+    else:
+        rate = optax.cosine_decay_schedule(schedule.rate, whole)
+    adam = optax.adamw(rate, weight_decay=schedule.decay)
+    if math.isinf(schedule.most_norm):
+        return adam
+    return optax.chain(optax.clip_by_global_norm(schedule.most_norm), adam)
+
+
+def _epoch(loss: Loss, optimiser: Any, augment: Augment | None) -> Any:
     @eqx.filter_jit
-    def run(network: Any, state: Any, examples: Any, order: Any) -> Any:
+    def run(network: Any, state: Any, examples: Any, order: Any, keys: Any) -> Any:
         weights, rest = eqx.partition(network, eqx.is_array)
 
-        def step(carry: Any, rows: Any) -> Any:
+        def step(carry: Any, chosen_rows: Any) -> Any:
             weights, state = carry
+            rows, drawn = chosen_rows
 
             def of(weights: Any) -> Any:
                 chosen = jax.tree.map(lambda v: jnp.asarray(v)[rows], examples)
+                if augment is not None:
+                    chosen = jax.vmap(augment)(chosen, drawn)
                 return _mean(loss, eqx.combine(weights, rest), chosen)
 
             value, gradient = jax.value_and_grad(of)(weights)
             updates, state = optimiser.update(gradient, state, weights)
             return (optax.apply_updates(weights, updates), state), value
 
-        (weights, state), values = jax.lax.scan(step, (weights, state), order)
+        (weights, state), values = jax.lax.scan(step, (weights, state), (order, keys))
         return eqx.combine(weights, rest), state, jnp.mean(values)
 
     return run

@@ -27,6 +27,7 @@ from evaluation.cli.options import (
     plain_errors,
     table_columns,
 )
+from evaluation.cli.protocols import evaluate_eth_ucy, export
 from evaluation.cli.value import value
 from foresight_env.names import (
     SCENARIOS,
@@ -69,11 +70,13 @@ def root(
     """Options of the command itself."""
 
 
+evaluate.command("eth-ucy")(evaluate_eth_ucy)
 app.add_typer(evaluate, name="evaluate")
 app.command("value")(value)
 app.command("benchmark")(benchmark)
 app.command("generate")(generate)
 app.command("train")(train)
+app.command("export")(export)
 
 
 @app.command()

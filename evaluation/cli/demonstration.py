@@ -32,7 +32,12 @@ from evaluation.reports.intersection import (
     snapshot,
 )
 from evaluation.reports.naming import label_of
-from evaluation.reports.prediction import error_over_time, print_prediction
+from evaluation.reports.prediction import (
+    curves,
+    draw_reliability,
+    error_over_time,
+    print_prediction,
+)
 from evaluation.reports.tables import (
     print_closed_loop,
     print_encounters,
@@ -251,6 +256,7 @@ def evaluate_prediction(
     predictors: Sequence[str],
     split: str,
     windows: str,
+    recordings: bool,
     workers: Workers,
     out: Path,
 ) -> None:
@@ -264,8 +270,10 @@ def evaluate_prediction(
     rows = prediction.study(
         out / "study", data, predictors, split=split, windows=windows, workers=workers
     )
-    print_prediction(console, rows)
+    print_prediction(console, rows, recordings=recordings)
     _tell(console, error_over_time(rows, out / "error_over_time.png"))
+    if curves(rows):
+        _tell(console, draw_reliability(rows, out / "reliability.png"))
 
 
 def estimate_recorded(

@@ -318,6 +318,10 @@ def evaluate_prediction(
             "of those near each other."
         ),
     ] = "interacting",
+    by_recording: Annotated[
+        bool,
+        typer.Option("--by-recording", help="Also a table of each recording, such as DUT's clips."),
+    ] = False,
     workers: WorkersOption = None,
     cluster: ClusterOption = None,
     out: OutOption = Path("results/prediction"),
@@ -327,5 +331,5 @@ def evaluate_prediction(
     from evaluation.cli import demonstration
 
     demonstration.evaluate_prediction(
-        data, names, split, windows, chosen_workers(workers, cluster), out
+        data, names, split, windows, by_recording, chosen_workers(workers, cluster), out
     )

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from agents.registry import FORECASTERS
+from agents.registry import FORECASTERS, HYBRID
 from evaluation.cli.options import (
     ClusterOption,
     OutOption,
@@ -16,6 +16,7 @@ from evaluation.cli.options import (
     listed,
     plain_errors,
 )
+from evaluation.cli.protocols import SCENE_NAMES
 from evaluation.training.names import PPO, SPLITS, TRAINABLE
 from foresight_env.extras import require
 from foresight_env.names import PLACES
@@ -61,15 +62,25 @@ def train(
         Path | None,
         typer.Option(help="Folder of recordings; those that tests are made on are left out."),
     ] = None,
-    epochs: Annotated[int, typer.Option(min=1, help="At most.")] = 100,
+    hold_out: Annotated[
+        str | None,
+        typer.Option(
+            help="hybrid-game: scene of the ETH/UCY protocol that the weights will be tested on; "
+            f"it learns from the others of --data: {', '.join(SCENE_NAMES)}.",
+            show_default=False,
+        ),
+    ] = None,
+    epochs: Annotated[
+        int | None, typer.Option(min=1, help="At most. Default: the network's own.")
+    ] = None,
     batch: Annotated[
-        int, typer.Option(min=1, help="Examples per step (of ppo: steps per update).")
-    ] = 64,
-    rate: Annotated[float, typer.Option(min=0.0, help="Learning rate at the start.")] = 2e-3,
-    decay: Annotated[float, typer.Option(min=0.0, help="Of weights (AdamW).")] = 0.1,
+        int | None, typer.Option(min=1, help="Examples per step (of ppo: steps per update).")
+    ] = None,
+    rate: Annotated[float | None, typer.Option(min=0.0, help="Learning rate at the start.")] = None,
+    decay: Annotated[float | None, typer.Option(min=0.0, help="Of weights (AdamW).")] = None,
     patience: Annotated[
-        int, typer.Option(min=1, help="Epochs without a better validation that end it.")
-    ] = 15,
+        int | None, typer.Option(min=1, help="Epochs without a better validation that end it.")
+    ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of weights and order.")] = 0,
     out: OutOption = Path("results/training"),
 ) -> None:
@@ -78,19 +89,42 @@ def train(
     OUT/NAME gets the weights, what they are of, and the learning curve.
     """
     listed("NAME", name, TRAINABLE)
-    if data is not None and name not in FORECASTERS:
+    if data is not None and name not in (*FORECASTERS, HYBRID):
         raise ValueError(f"--data: {name} learns from episodes only; leave it out")
+    if hold_out is not None:
+        if name != HYBRID:
+            raise ValueError(f"--hold-out: {name} has no such training; leave it out")
+        listed("--hold-out", hold_out, SCENE_NAMES)
+        if data is None:
+            raise ValueError("--hold-out: needs --data, the folder of the protocol's scenes")
     require("learned", "train")
     if name == PPO:
         require("rl", f"train {PPO}")
+    from dataclasses import replace
+
     from agents.learned.training import Epoch, Schedule
 
     def on_epoch(epoch: Epoch) -> None:
         typer.echo(f"epoch {epoch.number}: {epoch.train:.4f}, validation {epoch.validation:.4f}")
 
     folders = [Path(part.strip()) for part in episodes.split(",") if part.strip()]
-    schedule = Schedule(epochs, batch, rate, decay, patience, seed)
-    if name == PPO:
+    chosen: dict[str, Any] = {
+        "epochs": epochs, "batch": batch, "rate": rate, "decay": decay, "patience": patience,
+    }  # fmt: skip
+    chosen = {option: value for option, value in chosen.items() if value is not None}
+    schedule = Schedule(**chosen, seed=seed)
+    if name == HYBRID:
+        from evaluation.training.hybrid import PROPOSING, train_hybrid
+        from evaluation.training.hybrid_data import development, leave_one_out
+
+        if hold_out is None or data is None:
+            examples = development(folders, data)
+        else:
+            examples = leave_one_out(data, hold_out)
+        first = replace(PROPOSING, **chosen, seed=seed)
+        found = train_hybrid(examples, out / (hold_out or "") / name, first, on_epoch)
+        out = out / (hold_out or "")
+    elif name == PPO:
         from evaluation.training.reinforcement import reinforce
 
         found = reinforce(out / name, schedule, on_epoch)

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from agents.interfaces.predictor import Forecast, History
+from evaluation.metrics.calibration import level_counts
 from evaluation.metrics.trajectory import (
     best_displacement,
     displacement,
@@ -46,12 +47,25 @@ def overlaps(history: History, positions: Float[np.ndarray, "P N 2"]) -> int:
     tracks = [_motions(history, i, positions[:, i]) for i in range(len(shapes))]
     return sum(
         any(
-            not (np.isnan(a.end).any() or np.isnan(b.end).any())
-            and least_gap(shapes[i], shapes[j], a, b) < 0.0
-            for a, b in zip(tracks[i], tracks[j], strict=True)
+            least_gap(shapes[i], shapes[j], tracks[i][k], tracks[j][k]) < 0.0
+            for k in _near_steps(tracks[i], tracks[j], shapes[i].reach + shapes[j].reach)
         )
         for i, j in combinations(range(len(shapes)), 2)
     )
+
+
+def _near_steps(first: list[Motion], second: list[Motion], reach: float) -> list[int]:
+    """Steps in which two positions may come within `reach`; none that begins or ends with NaN.
+
+    Every point of a line is at most half of its length from one of its ends.
+    """
+    start, end = (
+        np.array([getattr(b, side) - getattr(a, side) for a, b in zip(first, second, strict=True)])
+        for side in ("start", "end")
+    )
+    away = np.minimum(np.linalg.norm(start, axis=1), np.linalg.norm(end, axis=1))
+    way = np.linalg.norm(end - start, axis=1)
+    return [int(k) for k in np.flatnonzero(away - 0.5 * way < reach)]
 
 
 def _motions(history: History, agent: int, path: Float[np.ndarray, "P 2"]) -> list[Motion]:
@@ -103,8 +117,11 @@ def judged(
         ]
     best = best_displacement(forecast.positions, forecast.probabilities, truth, present, MODES)
     row["best_average_error"], row["best_final_error"] = best
-    row["nll"] = None
+    row["nll"] = row["levels"] = None
     if forecast.covariance is not None:
+        row["levels"] = level_counts(
+            forecast.positions, forecast.probabilities, forecast.covariance, truth, present
+        )
         row["nll"] = negative_log_likelihood(
             forecast.positions, forecast.probabilities, forecast.covariance, truth, present
         )

@@ -25,15 +25,36 @@ def clustered_interval(
 
     Davison and Hinkley, "Bootstrap Methods and their Application" (1997), section 3.8.
     """
-    data = np.asarray(values, dtype=float)
-    names, place = np.unique([repr(c) for c in clusters], return_inverse=True)
-    sums = np.bincount(place, weights=data)
-    counts = np.bincount(place)
+    return stratified_interval([np.asarray(values, dtype=float)], [clusters], seed=seed)
+
+
+def stratified_interval(
+    values: Sequence[Float[np.ndarray, "_"]],
+    clusters: Sequence[Sequence[Hashable]],
+    *,
+    seed: int = 0,
+) -> Interval:
+    """Mean of the strata's means, each weighing the same, with a bootstrap interval.
+
+    Args:
+        values: Of each stratum, such as a scene.
+        clusters: The cluster of each value: whole clusters are resampled within their stratum
+            (Davison and Hinkley, 1997, sections 3.2 and 3.8).
+        seed: Of the resampling.
+
+    Returns:
+        Mean and 95 % interval.
+    """
     random = np.random.default_rng(seed)
-    drawn = random.integers(0, len(names), (2000, len(names)))
-    means = sums[drawn].sum(axis=1) / counts[drawn].sum(axis=1)
-    low, high = np.percentile(means, [2.5, 97.5])
-    return Interval(float(data.mean()), float(low), float(high))
+    total, means = np.zeros(2000), []
+    for data, names in zip(values, clusters, strict=True):
+        own, place = np.unique([repr(c) for c in names], return_inverse=True)
+        sums, counts = np.bincount(place, weights=data), np.bincount(place)
+        drawn = random.integers(0, len(own), (2000, len(own)))
+        total += sums[drawn].sum(axis=1) / counts[drawn].sum(axis=1)
+        means.append(float(np.mean(data)))
+    low, high = np.percentile(total / len(values), [2.5, 97.5])
+    return Interval(float(np.mean(means)), float(low), float(high))
 
 
 def share_interval(outcomes: Bool[np.ndarray, "n"]) -> Interval:

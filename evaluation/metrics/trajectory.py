@@ -101,13 +101,35 @@ def negative_log_likelihood(
     """
     if not present.any():
         return float("nan")
-    wide = covariance + LEAST_DEVIATION**2 * np.eye(2)
-    error = np.where(present[..., None], truth, 0.0) - positions
-    distance = np.einsum("mtni,mtni->mtn", error, np.linalg.solve(wide, error[..., None])[..., 0])
-    density = -0.5 * distance - 0.5 * np.linalg.slogdet(wide)[1] - np.log(2.0 * np.pi)
-    with np.errstate(divide="ignore"):
-        likelihood = logsumexp(density + np.log(probabilities)[:, None, None], axis=0)
+    places = np.where(present[..., None], truth, 0.0)
+    likelihood = log_densities(positions, probabilities, covariance, places[None])[0]
     return float(-likelihood[present].mean())
+
+
+def log_densities(
+    positions: Float[np.ndarray, "M K A 2"],
+    probabilities: Float[np.ndarray, "M"],
+    covariance: Float[np.ndarray, "M K A 2 2"],
+    places: Float[np.ndarray, "S K A 2"],
+) -> Float[np.ndarray, "S K A"]:
+    """Logarithm of a forecast's density (m^-2) at S places for each step and agent.
+
+    Each step and agent by itself: a mixture of Gaussians with covariances increased by
+    `LEAST_DEVIATION`.
+    """
+    wide = covariance + LEAST_DEVIATION**2 * np.eye(2)
+    inverse, determinant = np.linalg.inv(wide), np.linalg.slogdet(wide)[1]
+    error = places[:, None] - positions
+    across = error[..., 0], error[..., 1]
+    distance = (
+        inverse[..., 0, 0] * across[0] ** 2
+        + 2.0 * inverse[..., 0, 1] * across[0] * across[1]
+        + inverse[..., 1, 1] * across[1] ** 2
+    )
+    density = -0.5 * distance - 0.5 * determinant - np.log(2.0 * np.pi)
+    with np.errstate(divide="ignore"):
+        weighted = density + np.log(probabilities)[:, None, None]
+    return np.asarray(logsumexp(weighted, axis=1))
 
 
 def best_displacement(
@@ -123,6 +145,32 @@ def best_displacement(
     """
     most_likely = np.argsort(-probabilities, kind="stable")[:count]
     return min(displacement(positions[m], truth, present) for m in most_likely)
+
+
+class BestOfAgents(NamedTuple):
+    """Errors of A agents, each by itself; m."""
+
+    average: Float[np.ndarray, "A"]
+    """minADE_k of each agent."""
+    final: Float[np.ndarray, "A"]
+    """minFDE_k of each agent, not necessarily of the future with its least ADE."""
+
+
+def best_of_agents(
+    positions: Float[np.ndarray, "M K A 2"],
+    probabilities: Float[np.ndarray, "M"],
+    truth: Float[np.ndarray, "K A 2"],
+    count: int,
+) -> BestOfAgents:
+    """minADE_k and minFDE_k of each agent among the `count` most likely futures.
+
+    Each agent and each of the two metrics has its own best future, as in most results on ETH/UCY
+    (Salzmann et al., "Trajectron++", ECCV 2020, section 5). Social GAN's code takes the best future
+    of a whole window instead. `truth`: without NaN.
+    """
+    most_likely = np.argsort(-probabilities, kind="stable")[:count]
+    gap = np.linalg.norm(positions[most_likely] - truth, axis=3)
+    return BestOfAgents(gap.mean(axis=1).min(axis=0), gap[:, -1].min(axis=0))
 
 
 STANDING = 0.1

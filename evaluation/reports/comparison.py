@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 
 from evaluation.execution.latest_rows import present
 from evaluation.execution.store import Results, read_results
 from evaluation.reports.failures import errors_of, failed
+from evaluation.reports.lines import markdown_table
 from evaluation.reports.published import compared
 from foresight_env.files import write_atomically
 
@@ -55,10 +55,5 @@ def _section(results: Results) -> str:
     lines = [f"## {TITLES[results.study]}", "", f"{counted}. {made}", ""]
     if results.study in NOTES:
         lines += [NOTES[results.study], ""]
-    lines += _table(("measured", "reference", "paper", "this library"), compared(results))
+    lines += markdown_table(("measured", "reference", "paper", "this library"), compared(results))
     return "\n".join(lines)
-
-
-def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
-    lines = [head, ["---", *("---:" for _ in head[1:])], *rows]
-    return ["| " + " | ".join(cell or "-" for cell in line) + " |" for line in lines] + [""]

@@ -26,6 +26,7 @@ COLOURS = {
     "encounter-game": "#CC6677",
     "encounter-game-gamma-1": "#DDCC77",
     "constant-velocity": "#009E73",
+    "constant-velocity-sampled": "#88CCEE",
     "constant-turn-rate": "#56B4E9",
     "oracle": "#CC79A7",
     "know-gamma": "#56B4E9",

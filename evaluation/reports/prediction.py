@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -10,26 +11,27 @@ from jaxtyping import Float
 from matplotlib.figure import Figure
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
 
 from evaluation.execution.store import Row
 from evaluation.metrics.prediction import SECONDS
 from evaluation.metrics.ranks import LEAST_GROUPS
 from evaluation.metrics.statistics import clustered_interval
+from evaluation.reports.calibration import EXPLANATION, Curve, coverage_cells, curve_of, reliability
 from evaluation.reports.digits import significant
 from evaluation.reports.failures import failed
 from evaluation.reports.figures import save
+from evaluation.reports.lines import Line, table_of
 from evaluation.reports.naming import colour_of, label_of
 from evaluation.windows.table import WINDOW
 from foresight_env.games.kinds import is_vehicle
 
 FIRST = ("junction-game", "encounter-game")
 """Which predictor the others are compared with: the first of these that there is."""
+REFERENCES = ("constant-velocity", "constant-acceleration")
+"""Predictors that each other one is compared with, for people and vehicles alone."""
 
 DataSplit = tuple[str, str]
 """Data set and split."""
-Line = dict[str, str | int]
-"""Of a table: cells by column."""
 
 
 def parts(rows: Sequence[Row]) -> list[DataSplit]:
@@ -91,6 +93,7 @@ def summary(rows: Sequence[Row]) -> list[Line]:
                         f"{_column(mine, 'overlaps').sum():.0f} "
                         f"({_column(mine, 'overlaps_recorded').sum():.0f})"
                     ),
+                    "ratio": _ratio(mine),
                     "fallback": int(_column(mine, "fallback").sum()),
                     "ms, p50 / p99": " / ".join(
                         significant(q, 2) for q in np.percentile(times, [50, 99])
@@ -98,6 +101,12 @@ def summary(rows: Sequence[Row]) -> list[Line]:
                 }
             )
     return lines
+
+
+def _ratio(rows: Sequence[Row]) -> str:
+    """Predicted collisions for each recorded one."""
+    recorded = _column(rows, "overlaps_recorded").sum()
+    return f"{_column(rows, 'overlaps').sum() / recorded:.2f}" if recorded else "-"
 
 
 def over_time(rows: Sequence[Row]) -> list[Line]:
@@ -138,6 +147,7 @@ def likelihoods(rows: Sequence[Row]) -> list[Line]:
                 f"{_mean(_column(mine, f'best_{kind}_error')):.2f}" for kind in ("average", "final")
             ),
             "NLL": _number(_mean(_column(mine, "nll"))),
+            **coverage_cells(curve_of([r["levels"] for r in mine])),
         }
         for part in parts(rows)
         for predictor in predictors(rows)
@@ -147,56 +157,109 @@ def likelihoods(rows: Sequence[Row]) -> list[Line]:
 
 def differences(rows: Sequence[Row]) -> list[Line]:
     """ADE of the first predictor minus each other's, on the same windows."""
-    return _differences(rows, "ADE [m]", lambda row: float(row["average_error"]))
+    names = predictors(rows)
+    lines: list[Line] = []
+    for part in parts(rows):
+        for other in names[1:]:
+            found = paired(rows, part, names[0], other, lambda row: float(row["average_error"]))
+            if found:
+                lines.append(
+                    {"data": _name(part), f"{label_of(names[0])} minus": label_of(other), **found}
+                )
+    return lines
 
 
 def class_differences(rows: Sequence[Row]) -> list[Line]:
-    """The same for vehicles and for people alone: mean over a window's agents of the class."""
+    """ADE of each predictor minus each reference's, for people and for vehicles alone."""
     lines: list[Line] = []
-    for name, chosen in CLASSES.items():
-
-        def error(row: Row, chosen: Callable[[str], bool] = chosen) -> float:
-            agents = zip(row["agent_errors"], row["kinds"], strict=True)
-            return _mean(np.array([e for e, kind in agents if chosen(kind)], dtype=float))
-
-        lines += [{"class": name, **line} for line in _differences(rows, "ADE [m]", error)]
+    names = predictors(rows)
+    for part in parts(rows):
+        for name, chosen in CLASSES.items():
+            for k, other in enumerate(REFERENCES):
+                # The difference of two references is shown once.
+                for first in (n for n in names if n not in REFERENCES[: k + 1]):
+                    found = paired(rows, part, first, other, partial(_class_error, chosen))
+                    if found and found["windows"]:
+                        lines.append(
+                            {
+                                "data": _name(part),
+                                "class": name,
+                                "predictor": label_of(first),
+                                "minus": label_of(other),
+                                **found,
+                            }
+                        )
     return lines
 
 
-def _differences(rows: Sequence[Row], column: str, error: Callable[[Row], float]) -> list[Line]:
+def by_recording(rows: Sequence[Row]) -> list[Line]:
+    """A line per recording, class of agent and predictor: ADE and FDE, and the reference's gap."""
     lines: list[Line] = []
     for part in parts(rows):
-        names = predictors(rows)
-        first = _of(rows, part, names[0])
-        for other in names[1:]:
-            second = _of(rows, part, other)
-            if not first or len(first) != len(second):
-                continue
-            pairs = [
-                (error(a), error(b), str(a["group"])) for a, b in zip(first, second, strict=True)
-            ]
-            pairs = [pair for pair in pairs if not np.isnan(pair[:2]).any()]
-            text = "-"
-            if pairs:
-                gap = np.array([a - b for a, b, _ in pairs])
-                groups = [group for *_, group in pairs]
-                interval = clustered_interval(gap, groups)
-                text = f"{interval.mean:+.3f}" + (
-                    f" [{interval.low:+.3f}, {interval.high:+.3f}]"
-                    if len(set(groups)) >= LEAST_GROUPS
-                    else " (too few groups)"
-                )
-            lines.append(
-                {
-                    "data": _name(part),
-                    f"{label_of(names[0])} minus": label_of(other),
-                    "windows": len(pairs),
-                    "groups": len({group for *_, group in pairs}),
-                    column: text,
-                    "won": f"{np.mean([a < b for a, b, _ in pairs]):.0%}" if pairs else "-",
-                }
-            )
+        for recording in dict.fromkeys(r["recording"] for r in rows):
+            mine = [r for r in rows if r["recording"] == recording]
+            for name, chosen in CLASSES.items():
+                for predictor in predictors(mine):
+                    errors = _of_class(_of(mine, part, predictor), "agent_errors", chosen)
+                    if not len(errors):
+                        continue
+                    error = partial(_class_error, chosen)
+                    gap = (
+                        {}
+                        if predictor == REFERENCES[0]
+                        else paired(mine, part, predictor, REFERENCES[0], error)
+                    )
+                    lines.append(
+                        {
+                            "data": _name(part),
+                            "recording": recording,
+                            "class": name,
+                            "predictor": label_of(predictor),
+                            "agents": len(errors),
+                            "ADE [m]": f"{_mean(errors):.3f}",
+                            f"minus {REFERENCES[0]}, by window": gap.get("ADE [m]", ""),
+                        }
+                    )
     return lines
+
+
+def _class_error(chosen: Callable[[str], bool], row: Row) -> float:
+    """Mean over a window's agents of a class; NaN where there is none."""
+    agents = zip(row["agent_errors"], row["kinds"], strict=True)
+    return _mean(np.array([e for e, kind in agents if chosen(kind)], dtype=float))
+
+
+def paired(
+    rows: Sequence[Row],
+    part: DataSplit,
+    first: str,
+    second: str,
+    error: Callable[[Row], float],
+) -> Line:
+    """Cells of a comparison of two predictors on the same windows: the first minus the second.
+
+    Windows whose `error` is NaN are left out. Nothing where one of them has not been run.
+    """
+    mine, other = _of(rows, part, first), _of(rows, part, second)
+    if not mine or len(mine) != len(other):
+        return {}
+    pairs = [(error(a), error(b), str(a["group"])) for a, b in zip(mine, other, strict=True)]
+    pairs = [pair for pair in pairs if not np.isnan(pair[:2]).any()]
+    groups = [group for *_, group in pairs]
+    text = "-"
+    if pairs:
+        interval = clustered_interval(np.array([a - b for a, b, _ in pairs]), groups)
+        text = f"{interval.mean:+.3f}" + (
+            f" [{interval.low:+.3f}, {interval.high:+.3f}]"
+            if len(set(groups)) >= LEAST_GROUPS
+            else " (too few groups)"
+        )
+    return {
+        "windows": len(pairs),
+        "groups": len(set(groups)),
+        "ADE [m]": text,
+        "won": f"{np.mean([a < b for a, b, _ in pairs]):.0%}" if pairs else "-",
+    }
 
 
 def by_class(rows: Sequence[Row]) -> list[Line]:
@@ -261,8 +324,8 @@ CLASSES: dict[str, Callable[[str], bool]] = {
 }
 
 
-def print_prediction(console: Console, rows: Sequence[Row]) -> None:
-    """Print the tables and the first error."""
+def print_prediction(console: Console, rows: Sequence[Row], *, recordings: bool = False) -> None:
+    """Print the tables and the first error; `recordings`: also a table of each recording."""
     for title, lines in (
         ("predictions, means over windows", summary(rows)),
         ("errors over time", over_time(rows)),
@@ -270,27 +333,39 @@ def print_prediction(console: Console, rows: Sequence[Row]) -> None:
         ("on the same windows", differences(rows)),
         ("by class of agent", by_class(rows)),
         ("by class of agent, on the same windows", class_differences(rows)),
+        ("by recording and class of agent", by_recording(rows) if recordings else []),
     ):
         for part in dict.fromkeys(line["data"] for line in lines):
             mine = [{k: v for k, v in e.items() if k != "data"} for e in lines if e["data"] == part]
-            table = Table(title=f"{part}: {title}")
-            for k, name in enumerate(mine[0]):
-                table.add_column(escape(name), justify="right" if k else "left")
-            for line in mine:
-                table.add_row(*(escape(str(value)) for value in line.values()))
-            console.print(table)
+            console.print(table_of(f"{part}: {title}", mine))
     console.print(
         "missed: agents predicted more than 2 m off at the last step they are there. predicted "
-        "collisions: pairs whose footprints overlap (recorded: in the recording). fallback: "
-        "windows predicted by constant velocity instead. Best of 5: of the five most likely joint "
-        "futures the one of least ADE. NLL: negative log-likelihood (density in 1/m^2) of the "
-        "ground truth, where a forecast has one; less is better. Brackets: 95 % intervals, whole "
-        "groups of windows that share agents resampled."
+        "collisions: pairs whose footprints overlap (recorded: in the recording), and their ratio. "
+        "fallback: windows predicted by constant velocity instead. Best of 5: of the five most "
+        "likely joint futures the one of least ADE. NLL: negative log-likelihood (density in "
+        f"1/m^2) of the ground truth, where a forecast has one; less is better. {EXPLANATION} "
+        "Brackets: 95 % intervals, whole groups of windows that share agents resampled."
     )
     errors = [f"{label_of(r['predictor'])}: {r['error']}" for r in rows if r["error"]]
     if errors:
         console.print(f"[red]{escape(failed(errors, 'prediction'))}[/red]")
         console.print("Windows of failed predictions are left out for all predictors.")
+
+
+def curves(rows: Sequence[Row]) -> dict[str, dict[str, Curve]]:
+    """Observed coverage by data set and split, then predictor; of those with covariances."""
+    found: dict[str, dict[str, Curve]] = {}
+    for part in parts(rows):
+        for predictor in predictors(rows):
+            curve = curve_of([r["levels"] for r in _of(rows, part, predictor)])
+            if curve is not None:
+                found.setdefault(_name(part), {})[predictor] = curve
+    return found
+
+
+def draw_reliability(rows: Sequence[Row], path: Path) -> Path:
+    """Draw nominal against observed coverage; `rows`: some of a predictor with covariances."""
+    return reliability(curves(rows), path)
 
 
 def error_over_time(rows: Sequence[Row], path: Path) -> Path:

@@ -11,6 +11,7 @@ from shutil import copyfile
 from rich.console import Console
 
 from evaluation.execution.store import Results, Row
+from evaluation.reports import eth_ucy
 from evaluation.reports.benchmark import driven_parts, simulated_parts
 from evaluation.reports.benchmark_page import print_parts
 from evaluation.reports.driving import distances_over_time, place, print_driving
@@ -27,7 +28,12 @@ from evaluation.reports.intersection import (
     print_gammas,
 )
 from evaluation.reports.naming import OTHERS, label_of
-from evaluation.reports.prediction import error_over_time, print_prediction
+from evaluation.reports.prediction import (
+    curves,
+    draw_reliability,
+    error_over_time,
+    print_prediction,
+)
 from evaluation.reports.safety import print_safety
 from evaluation.reports.tables import print_closed_loop, print_estimation
 from evaluation.reports.value import print_value, value_figure
@@ -43,6 +49,8 @@ from evaluation.studies.safety import setting_under
 from evaluation.studies.value import BASELINE
 from evaluation.windows.table import with_windows
 
+RELIABILITY = "Nominal probability of a forecast's regions, and the share of true positions in them"
+"""Caption."""
 Draw = Callable[[Path], Path]
 """Writes a figure to a path, in the format that its ending names."""
 
@@ -122,6 +130,7 @@ def section(results: Results, notes: Console) -> Section:
         "value of information": _value,
         "safety": _safety,
         "prediction": _prediction,
+        "eth-ucy": _eth_ucy,
         "benchmark, open loop": _open_benchmark,
         "benchmark, closed loop": _closed_benchmark,
     }
@@ -264,6 +273,17 @@ def _prediction(results: Results, notes: Console) -> Section:
         lambda path: error_over_time(rows, path),
         "Displacement errors 1 to 4 s ahead",
     )
+    if curves(rows):
+        found.figures["reliability"] = partial(draw_reliability, rows), RELIABILITY
+    return found
+
+
+def _eth_ucy(results: Results, notes: Console) -> Section:
+    rows = results.rows
+    eth_ucy.print_eth_ucy(notes, rows)
+    found = Section("ETH/UCY: predictions, one scene left out", results)
+    if eth_ucy.curves(rows):
+        found.figures["reliability"] = partial(eth_ucy.draw_reliability, rows), RELIABILITY
     return found
 
 

@@ -62,7 +62,14 @@ def _routes(place: Place) -> RouteMemory:
 
 
 @until_forgotten
-def warm_up(predictor: str, kinds: tuple[str, ...], observed: int, steps: int, dt: float) -> None:
+def warm_up(
+    predictor: str,
+    kinds: tuple[str, ...],
+    observed: int,
+    steps: int,
+    dt: float,
+    weights: str | None = None,
+) -> None:
     """Compile in this process what a prediction needs, so that latencies are those of running."""
     states = np.zeros((observed, len(kinds), 4))
     states[:, :, 1] = 10.0 * np.arange(len(kinds))
@@ -70,7 +77,7 @@ def warm_up(predictor: str, kinds: tuple[str, ...], observed: int, steps: int, d
     states[:, :, 2] = 1.0
     blank = np.full((observed, len(kinds)), np.nan)
     history = History(states, blank, kinds, np.full((len(kinds), 2), np.nan), dt)
-    make_predictor(predictor).predict(history, steps)
+    make_predictor(predictor, weights).predict(history, steps)
 
 
 def run_window(
@@ -123,7 +130,7 @@ def study(
         recording = _recording(place)
         if split in ("all", split_of(recording.name)):
             names.append(recording.name)
-            content = _digest(recording)
+            content = digest_of(recording)
             found += [(w, recording.source, content, place) for w in RULES[windows](recording)]
     if not found:
         raise ValueError(
@@ -169,8 +176,8 @@ def study(
     return with_windows(store.folder, rows)
 
 
-def _digest(recording: Recording) -> str:
-    """Distinguishes recordings of the same name."""
+def digest_of(recording: Recording) -> str:
+    """Digest of a recording, which distinguishes recordings of the same name."""
     found = hashlib.sha256()
     for track in recording.tracks:
         found.update(track.agent_id.encode())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from agents.registry import FORECASTERS, REACTIVE_EGOS
+from agents.registry import FORECASTERS, HYBRID, REACTIVE_EGOS
 
 SPLITS = ("train", "validation", "test")
 """Of data sets of episodes; each has its own seeds."""
@@ -12,4 +12,4 @@ CLONED, PPO = REACTIVE_EGOS
 """The egos that imitate the oracle's actions, and that learn by reinforcement."""
 SUPERVISED = (*FORECASTERS, GAMMA, CLONED)
 """Names of the learned models."""
-TRAINABLE = (*SUPERVISED, PPO)
+TRAINABLE = (HYBRID, *SUPERVISED, PPO)

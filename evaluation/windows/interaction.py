@@ -59,6 +59,9 @@ DEVELOPMENT = (
     "intersection_17",
     "roundabout_04",
     "zara01",
+    "eth",
+    "hotel",
+    "students03",
 )
 """Recordings that settings are chosen on; all others are for tests alone. inD's are 07 and 22."""
 

@@ -26,6 +26,10 @@ def made(name="made"):
 class Own(KalmanPredictor):
     pass
 
+class Weighted(KalmanPredictor):
+    def __new__(cls, weights=None):
+        return KalmanPredictor(name=f"weighted {weights}")
+
 class Needy:
     def __init__(self, path):
         pass
@@ -51,6 +55,20 @@ def test_a_function_of_a_history_is_a_predictor():
     found = make_predictor("own_agents:standing")
     assert isinstance(found, FunctionPredictor)
     assert found.name == "standing"
+
+
+def test_weights_from_a_folder(tmp_path):
+    """A network reads its file there; a class of a module gets the folder if it takes it."""
+    with pytest.raises(ValueError, match=r"social-lstm.safetensors: is missing; train social-lstm"):
+        make_predictor("social-lstm", tmp_path)
+    (tmp_path / "social-lstm.safetensors").write_bytes(b"")
+    made = make_predictor("social-lstm", tmp_path)
+    assert made.weights == str(tmp_path / "social-lstm.safetensors")
+    assert make_predictor("own_agents:Weighted", tmp_path).name == f"weighted {tmp_path}"
+    assert make_predictor("own_agents:Weighted").name == "weighted None"
+    assert make_predictor("own_agents:made", tmp_path).name == "made"
+    assert make_predictor("own_agents:ready", tmp_path).name == "ready"
+    assert make_predictor("kalman", tmp_path) == make_predictor("kalman")
 
 
 def test_any_predictor_can_be_planned_with():

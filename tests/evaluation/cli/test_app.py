@@ -23,6 +23,7 @@ COMMANDS = (
     "evaluate crosswalk",
     "evaluate intersection",
     "evaluate prediction",
+    "evaluate eth-ucy",
     "evaluate driving",
     "estimate",
     "demo",
@@ -30,6 +31,7 @@ COMMANDS = (
     "value",
     "generate",
     "train",
+    "export",
 )
 
 

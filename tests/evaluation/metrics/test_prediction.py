@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from agents.interfaces.predictor import Forecast, History, single
-from evaluation.metrics.prediction import judged, overlaps
+from evaluation.metrics.prediction import _motions, footprint, judged, overlaps
 from evaluation.windows.interaction import cut
+from foresight_env.games.footprints import least_gap
 from tests.support.made_crossings import two_people
 
 
@@ -27,6 +28,26 @@ def test_overlaps_along_the_step():
     assert overlaps(history, swapped) == 1
     assert overlaps(history, history.states[-1:, :, :2]) == 0
     assert overlaps(history, np.full((1, 2, 2), np.nan)) == 0
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_no_overlap_is_missed(seed):
+    """Crowded random walks against every pair and step, none left out for being far."""
+    random = np.random.default_rng(seed)
+    kinds = ("pedestrian", "car", "bicycle", "pedestrian")
+    history = still(random.uniform(-3.0, 3.0, (4, 2)), kinds)
+    path = history.states[-1, :, :2] + np.cumsum(random.normal(size=(6, 4, 2)), axis=0)
+    shapes = [footprint(k, e) for k, e in zip(history.kinds, history.extents, strict=True)]
+    tracks = [_motions(history, i, path[:, i]) for i in range(4)]
+    expected = sum(
+        any(
+            least_gap(shapes[i], shapes[j], a, b) < 0.0
+            for a, b in zip(tracks[i], tracks[j], strict=True)
+        )
+        for i in range(4)
+        for j in range(i)
+    )
+    assert overlaps(history, path) == expected
 
 
 def test_vehicles_are_boxes():
@@ -50,7 +71,7 @@ def test_a_perfect_forecast_and_a_shifted_one():
         assert off[name] == pytest.approx(3.0)
     assert off["agent_errors"] == pytest.approx([3.0, 3.0])
     assert off["missed"] == 2
-    assert perfect["nll"] is None  # it says nothing of chances
+    assert perfect["nll"] is perfect["levels"] is None  # it says nothing of chances
 
 
 def test_the_best_of_several_futures_and_their_chances():
@@ -64,3 +85,4 @@ def test_the_best_of_several_futures_and_their_chances():
     surer = judged(window.history, window.truth, Forecast(both, chances[::-1], spread))
     assert surer["average_error"] == 0.0
     assert surer["nll"] < row["nll"]
+    assert sum(row["levels"]) == window.present.sum()

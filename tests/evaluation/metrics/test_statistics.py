@@ -6,11 +6,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from evaluation.metrics.statistics import (
+    clustered_interval,
     exact_mcnemar,
     mean_and_error,
     mean_interval,
     ratio_interval,
     share_interval,
+    stratified_interval,
 )
 
 FINITE = st.floats(-1e3, 1e3)
@@ -94,3 +96,20 @@ def test_the_ratio_of_means_of_pairs():
     for top, bottom in (([np.nan], [1.0]), ([], []), ([1.0, 1.0], [1.0, -1.0])):
         with pytest.raises(ValueError, match="numerators, denominators"):
             ratio_interval(np.array(top), np.array(bottom))
+
+
+def test_strata_weigh_the_same():
+    """Of 4 values around 1 and 100 around 3 the mean is 2, and the small stratum decides."""
+    random = np.random.default_rng(0)
+    small, large = random.normal(1.0, 1.0, 4), random.normal(3.0, 1.0, 100)
+    small, large = small - small.mean() + 1.0, large - large.mean() + 3.0
+    found = stratified_interval([small, large], [range(4), range(100)])
+    assert found.mean == pytest.approx(2.0)
+    alone = clustered_interval(small, range(4))
+    assert found.high - found.low == pytest.approx(0.5 * (alone.high - alone.low), rel=0.15)
+    assert stratified_interval([small], [range(4)]) == alone
+    # Values that move together within a stratum's clusters: fewer independent ones.
+    shared = np.repeat(small, 25)
+    wide = stratified_interval([shared], [np.repeat(range(4), 25).tolist()])
+    narrow = stratified_interval([shared], [range(100)])
+    assert wide.high - wide.low > 3.0 * (narrow.high - narrow.low)

@@ -5,15 +5,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from scipy.stats import multivariate_normal
 
 from evaluation.metrics.trajectory import (
     LEAST_DEVIATION,
     at_fault,
     best_displacement,
+    best_of_agents,
     comfort,
     displacement,
     displacement_until,
     lateral_acceleration,
+    log_densities,
     missed,
     negative_log_likelihood,
     trajectory_error,
@@ -174,3 +177,33 @@ def test_lateral_acceleration_on_a_circle():
     assert lateral_acceleration(trembling, np.zeros(2), dt) == 0.0
     circle[20:] = np.nan  # it has left
     assert lateral_acceleration(circle, np.zeros(2), dt) == pytest.approx(found)
+
+
+def test_the_best_future_of_each_agent_and_metric():
+    """Agent 0: one future is right on average, another at the end; agent 1 is right in the last."""
+    truth = np.zeros((2, 2, 2))
+    futures = np.full((4, 2, 2, 2), 9.0)
+    futures[0, :, 0] = [[0.0, 0.0], [2.0, 0.0]]
+    futures[1, :, 0] = [[0.0, 6.0], [0.0, 1.0]]
+    futures[3, :, 1] = 0.0
+    chances = np.array([0.4, 0.3, 0.2, 0.1])
+    best = best_of_agents(futures, chances, truth, 4)
+    np.testing.assert_allclose(best.average, [1.0, 0.0])
+    np.testing.assert_allclose(best.final, [1.0, 0.0])
+    # The least likely future does not count among three.
+    np.testing.assert_allclose(best_of_agents(futures, chances, truth, 3).final[1], 9.0 * 2**0.5)
+
+
+def test_densities_of_a_mixture():
+    random = np.random.default_rng(0)
+    positions, places = random.normal(size=(2, 3, 1, 2)), random.normal(size=(4, 3, 1, 2))
+    root = random.normal(size=(2, 3, 1, 2, 2))
+    covariance, chances = root @ root.swapaxes(-1, -2), np.array([0.3, 0.7])
+    found = log_densities(positions, chances, covariance, places)
+    for s in range(4):
+        for k in range(3):
+            expected = sum(
+                p * multivariate_normal(m, c + LEAST_DEVIATION**2 * np.eye(2)).pdf(places[s, k, 0])
+                for p, m, c in zip(chances, positions[:, k, 0], covariance[:, k, 0], strict=True)
+            )
+            assert found[s, k, 0] == pytest.approx(np.log(expected))

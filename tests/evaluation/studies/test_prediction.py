@@ -217,6 +217,52 @@ def test_errors_by_class_in_mixed_windows(tmp_path, data):
     sign = "-" if first == SIMPLE[0] else "+"
     assert gaps["vehicles"]["ADE [m]"] == f"{sign}2.000 (too few groups)"
     assert gaps["people"]["ADE [m]"] == "+0.000 (too few groups)"
+    own = prediction_report.by_recording(mixed)
+    assert {(line["recording"], line["class"]) for line in own} == {
+        ("crossing", "people"), ("crossing", "vehicles"),
+    }  # fmt: skip
+    column = f"minus {prediction_report.REFERENCES[0]}, by window"
+    found = {(line["class"], line["predictor"]): line for line in own}
+    assert found["vehicles", SIMPLE[1]]["ADE [m]"] == "5.000"
+    assert found["vehicles", SIMPLE[1]][column] == "+2.000 (too few groups)"
+    assert found["vehicles", SIMPLE[0]][column] == ""
+
+
+def test_each_predictor_is_compared_with_both_references(tmp_path, data):
+    """Differences of the references are shown once; others are compared with each."""
+    rows = study(tmp_path / "study", data, SIMPLE, workers=0)
+    others = {SIMPLE[0]: 1.0, "constant-acceleration": 2.0, "kalman": 4.0}
+    made = [
+        {**row, "predictor": name, "agent_errors": [error, error + 1.0]}
+        for name, error in others.items()
+        for row in rows
+        if row["predictor"] == SIMPLE[0]
+    ]
+    lines = prediction_report.class_differences(made)
+    found = {(line["predictor"], line["minus"]): line["ADE [m]"] for line in lines}
+    assert found == {
+        ("constant-acceleration", "constant-velocity"): "+1.000 (too few groups)",
+        ("kalman", "constant-velocity"): "+3.000 (too few groups)",
+        ("kalman", "constant-acceleration"): "+2.000 (too few groups)",
+    }
+    assert {line["class"] for line in lines} == {"people"}
+
+
+def test_calibration_and_collisions_in_the_report(tmp_path, data):
+    rows = study(tmp_path / "study", data, ("constant-velocity", "kalman"), workers=0)
+    rows = [{**row, "overlaps": 3, "overlaps_recorded": 2} for row in rows]
+    kalman, velocity = sorted(
+        prediction_report.likelihoods(rows), key=lambda line: line["predictor"] != "kalman"
+    )
+    # Kalman's regions are far too wide for people who walk evenly.
+    assert (kalman["50% region"], kalman["90% region"]) == ("100%", "100%")
+    assert velocity["50% region"] == velocity["90% region"] == "-"
+    assert {line["ratio"] for line in prediction_report.summary(rows)} == {"1.50"}
+    ((title, curves),) = prediction_report.curves(rows).items()
+    assert title == "UCY, test"
+    assert curves.keys() == {"kalman"}
+    picture = prediction_report.draw_reliability(rows, tmp_path / "picture.png")
+    assert picture.stat().st_size > 10_000
 
 
 def test_a_study_of_all_windows(tmp_path, data):

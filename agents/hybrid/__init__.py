@@ -1,0 +1,1 @@
+"""`hybrid-game`: a network proposes joint futures, a differentiable game makes them equilibria."""

@@ -1,0 +1,142 @@
+"""Training of `hybrid-game`: the network alone, then with the game between its proposals."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+from scipy.cluster.vq import kmeans2
+
+from agents.hybrid.augmentation import augmented
+from agents.hybrid.futures import GameUse, joint_futures
+from agents.hybrid.loss import Example, futures_loss, negative_log_likelihood
+from agents.hybrid.network import COEFFICIENTS, MODES, UNIT, ProposalNetwork
+from agents.hybrid.strategies import GAME_BASIS
+from agents.learned.training import Epoch, Schedule, Trained, train
+from agents.registry import HYBRID
+from evaluation.training.supervised import GRID
+from evaluation.training.trained import write_trained
+
+PROPOSING = Schedule(
+    epochs=10, batch=32, rate=2e-3, decay=1e-2, patience=5, warmup=100, most_norm=1.0
+)
+"""Of the network alone."""
+PLAYING = Schedule(epochs=2, batch=32, rate=3e-4, decay=1e-2, patience=3, warmup=50, most_norm=1.0)
+"""With the game."""
+SAMPLE = 4000
+"""Futures that anchors are chosen from."""
+
+
+class TrainingData(NamedTuple):
+    """Examples for both stages; those of the second have fewer places for agents."""
+
+    proposing: Example
+    playing: Example
+    proposing_validation: Example
+    playing_validation: Example
+
+
+def learn_hybrid(
+    data: TrainingData,
+    folder: Path,
+    *,
+    use: GameUse = GameUse(),
+    proposing: Schedule = PROPOSING,
+    playing: Schedule = PLAYING,
+    on_epoch: Callable[[Epoch], None] = lambda epoch: None,
+) -> Trained:
+    """Train in two stages, with checkpoints below `folder`; resume from the last one.
+
+    The first trains the network alone, the second with the game that `use` makes of its proposals;
+    without a game there is no second stage.
+    """
+    anchors = anchors_of(data.proposing, proposing.seed)
+    alone = train(
+        partial(_network, anchors),
+        partial(futures_loss, use=GameUse(game=False)),
+        data.proposing,
+        data.proposing_validation,
+        folder / "proposing",
+        proposing,
+        augment=augmented,
+        on_epoch=on_epoch,
+    )
+    if not use.game:
+        return alone
+    return train(
+        lambda key: alone.network,
+        partial(futures_loss, use=use),
+        data.playing,
+        data.playing_validation,
+        folder / "playing",
+        playing,
+        augment=augmented,
+        on_epoch=on_epoch,
+    )
+
+
+def train_hybrid(
+    data: TrainingData,
+    folder: Path,
+    proposing: Schedule = PROPOSING,
+    on_epoch: Callable[[Epoch], None] = lambda epoch: None,
+) -> Trained:
+    """Train and calibrate, and write `hybrid-game.safetensors`, its description and the curve."""
+    begin = time.perf_counter()
+    found = learn_hybrid(
+        data, folder, proposing=proposing, playing=replace(PLAYING, seed=proposing.seed),
+        on_epoch=on_epoch,
+    )  # fmt: skip
+    about = {
+        "network": HYBRID,
+        "calibration": calibration(found.network, data.playing_validation),
+        "examples": len(data.proposing.known),
+        "validation": len(data.proposing_validation.known),
+    }
+    write_trained(folder, HYBRID, found, about, time.perf_counter() - begin)
+    return found
+
+
+def calibration(network: ProposalNetwork, examples: Example) -> float:
+    """Return the factor of deviations that makes the examples most likely."""
+
+    @eqx.filter_jit
+    def losses(network: ProposalNetwork, examples: Example) -> Any:
+        def one(example: Example) -> Any:
+            found = joint_futures(network, example.scene, GameUse())
+            known = jnp.asarray(example.known).any(axis=1)
+            each = [negative_log_likelihood(found, example, float(f)) for f in GRID]
+            return jnp.stack([jnp.sum(jnp.where(known, v, 0.0)) for v in each])
+
+        return jnp.sum(jax.lax.map(one, examples), axis=0)
+
+    return float(GRID[int(jnp.argmin(losses(network, examples)))])
+
+
+def _network(anchors: Float[np.ndarray, "M coefficients"], key: Any) -> ProposalNetwork:
+    return ProposalNetwork(key=key, anchors=anchors)
+
+
+def anchors_of(examples: Example, seed: int) -> Float[np.ndarray, "M coefficients"]:
+    """Return the centres of clusters of recorded futures, as coefficients in their units."""
+    frames = examples.scene.frames
+    line = frames.place[:, :, None] + GAME_BASIS.times[:, None] * frames.velocity[:, :, None]
+    away = np.einsum("saik,sati->satk", frames.rotation, examples.target - line)
+    unit = UNIT[0] + UNIT[1] * examples.scene.seen.kind[..., 1]
+    whole = examples.known.all(axis=-1)
+    fitted = np.einsum("bt,satk->sabk", np.linalg.pinv(GAME_BASIS.value), away)
+    numbers = (fitted / unit[..., None, None]).reshape(*whole.shape, COEFFICIENTS)[whole]
+    chosen = np.random.default_rng(seed).permutation(len(numbers))[:SAMPLE]
+    centres, _ = kmeans2(
+        numbers[chosen].astype(float), MODES, minit="++", rng=np.random.default_rng(seed)
+    )
+    return np.asarray(centres.astype(np.float32))

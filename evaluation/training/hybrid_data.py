@@ -1,0 +1,132 @@
+"""What `hybrid-game` learns from: recordings and episodes, without what it is tested on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+
+import jax
+import numpy as np
+from jaxtyping import Bool, Float
+
+from agents.hybrid.loss import Example
+from agents.hybrid.strategies import GAME_BASIS
+from agents.learned.features import AGENTS
+from evaluation.training.examples import LONG, VALIDATION
+from evaluation.training.generation import episodes_in
+from evaluation.training.hybrid import TrainingData
+from evaluation.training.hybrid_examples import recorded_examples, simulated_examples, stacked
+from evaluation.windows.eth_ucy import SCENES, read_scene_file, scene_files, scene_of
+from evaluation.windows.interaction import split_of
+from foresight_env.datasets import Recording, open_recording, recordings_below
+
+PARTS = {"train": (0.0, 0.85), "validation": (0.85, 1.0)}
+"""Of a long recording's frames."""
+PLAYING = 4
+"""Places for agents in the examples of the second stage: games with fewer agents are cheaper."""
+MOST_PLAYED = 1500
+"""Examples of the second stage, chosen at random of those in which agents come close."""
+CLOSE = 1.0
+"""Distance of the surfaces of bodies in straight motion below which agents come close, m."""
+
+
+def leave_one_out(data: Path, held_out: str) -> TrainingData:
+    """Return examples of all scenes of the ETH/UCY protocol but one.
+
+    Raises:
+        RecordingError: a scene's file is missing.
+    """
+    recordings = [
+        read_scene_file(str(path), scene)
+        for scene in SCENES
+        if scene != held_out
+        for path in scene_files(data, scene)
+    ]
+
+    def examples(part: str, places: int) -> Iterable[Example]:
+        for recording in recordings:
+            yield from recorded_examples(recording, places, PARTS[part])
+
+    return _both(examples)
+
+
+def development(episodes: Sequence[Path], data: Path | None) -> TrainingData:
+    """Return examples of recordings that settings are chosen on, and of episodes.
+
+    Raises:
+        ValueError: there are none.
+    """
+    recordings = [r for r in _recordings(data) if split_of(r.name) == "development"]
+
+    def examples(part: str, places: int) -> Iterable[Example]:
+        for recording in recordings:
+            start, end = recording.frame_range
+            if (end - start) / recording.rate > LONG:
+                yield from recorded_examples(recording, places, PARTS[part])
+            elif (part == "validation") == (recording.name in VALIDATION):
+                yield from recorded_examples(recording, places)
+        for folder in episodes:
+            for row in episodes_in(folder / part, part):
+                yield from simulated_examples(row, places)
+
+    return _both(examples)
+
+
+def _recordings(data: Path | None) -> list[Recording]:
+    found = []
+    for directory, name in [] if data is None else recordings_below(data):
+        scene = scene_of(name or "")
+        recording = open_recording(str(directory), recording=name)
+        if scene is not None:
+            # With its own frame rate.
+            recording = next(
+                r
+                for path in scene_files(directory, scene)
+                if (r := read_scene_file(str(path), scene)).name == recording.name
+            )
+        found.append(recording)
+    return found
+
+
+def _both(examples: Callable[[str, int], Iterable[Example]]) -> TrainingData:
+    made = [_stack(examples(part, places)) for part in PARTS for places in (AGENTS, PLAYING)]
+    proposing, playing, judged, judged_playing = made
+    return TrainingData(
+        proposing,
+        some(playing, close(playing), MOST_PLAYED),
+        judged,
+        some(judged_playing, close(judged_playing), MOST_PLAYED // 5),
+    )
+
+
+def _stack(examples: Iterable[Example]) -> Example:
+    found = list(examples)
+    if not found:
+        raise ValueError("--episodes, --data: hold nothing to learn from")
+    return stacked(found)
+
+
+def close(examples: Example) -> Bool[np.ndarray, "S"]:
+    """Return in which examples two agents come close if both go straight on."""
+    frames, bodies = examples.scene.frames, examples.scene.bodies
+    path = _straight(np.asarray(frames.place), np.asarray(frames.velocity))
+    gap = np.linalg.norm(path[:, :, None] - path[:, None], axis=-1).min(axis=-1)
+    radius = np.asarray(bodies.half_length)
+    gap = gap - radius[:, :, None] - radius[:, None]
+    there = np.asarray(bodies.there)
+    pairs = there[:, :, None] & there[:, None] & ~np.eye(there.shape[1], dtype=bool)
+    return np.asarray((pairs & (gap < CLOSE)).any(axis=(1, 2)))
+
+
+def _straight(
+    place: Float[np.ndarray, "S A 2"], velocity: Float[np.ndarray, "S A 2"]
+) -> Float[np.ndarray, "S A T 2"]:
+    return place[:, :, None] + GAME_BASIS.times[:, None] * velocity[:, :, None]
+
+
+def some(examples: Example, allowed: Bool[np.ndarray, "S"], count: int) -> Example:
+    """Return at most so many of the allowed examples, or of all where none is."""
+    chosen = np.flatnonzero(allowed) if allowed.any() else np.arange(len(allowed))
+    chosen = np.sort(np.random.default_rng(0).permutation(chosen)[:count])
+    found: Example = jax.tree.map(lambda values: values[chosen], examples)
+    return found

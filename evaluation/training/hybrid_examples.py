@@ -1,0 +1,120 @@
+"""Examples that `hybrid-game` learns from: moments of recordings and of simulated episodes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import jax
+import numpy as np
+
+from agents.egos.predict_then_plan import history_of
+from agents.hybrid.loss import Example
+from agents.hybrid.scene import scene_of, targets
+from agents.hybrid.strategies import HORIZON, STEPS
+from agents.interfaces.predictor import Context, History
+from agents.learned.features import AGENTS
+from evaluation.execution.store import Row
+from evaluation.rollout.episode import observed_states
+from evaluation.rollout.places import setting_of
+from evaluation.windows.interaction import LEAST_OBSERVED, LEAST_PREDICTED, STEP_SECONDS, Grid
+from foresight_env.datasets import Recording, RouteMemory, observed_window
+
+REACH = 20.0
+"""Agents farther from the one that a scene is about are left out, m."""
+LEAST_SEEN = 2
+"""Observations of an agent that is in a scene for the others' sake."""
+
+
+def stacked(examples: Sequence[Example]) -> Example:
+    """One array of all examples for each of one's."""
+    found: Example = jax.tree.map(lambda *parts: np.stack(parts), *examples)
+    return found
+
+
+def example_of(history: History, truth: np.ndarray, agents: int = AGENTS) -> Example:
+    """The example of a moment; `truth`: (P, N, 2) positions that followed, m."""
+    scene, middle = scene_of(history, agents)
+    return Example(scene, *targets(scene, middle, truth, history.dt, STEPS))
+
+
+def recorded_examples(
+    recording: Recording,
+    agents: int = AGENTS,
+    span: tuple[float, float] = (0.0, 1.0),
+    stride: int = 1,
+) -> Iterator[Example]:
+    """Every agent that is observed for long enough is in a scene of each moment, with others.
+
+    Args:
+        agents: places of a scene.
+        span: part of the recording, by frames, that all steps of an example lie in.
+        stride: of moments, in steps.
+    """
+    if not recording.tracks:
+        return
+    grid = Grid.of(recording)
+    routes = RouteMemory(recording)
+    start, end = recording.frame_range
+    low, high = (int(start + part * (end - start)) for part in span)
+    steps = round(HORIZON / grid.dt + 0.5)
+    first = low + (LEAST_OBSERVED - 1) * grid.every
+    # On the recording's own rows.
+    first = start + -(-(first - start) // grid.every) * grid.every
+    for frame in range(first, high - LEAST_PREDICTED * grid.every + 1, stride * grid.every):
+        yield from _moment(
+            recording, grid, routes, frame, min(steps, (high - frame) // grid.every), agents
+        )
+
+
+def _moment(
+    recording: Recording, grid: Grid, routes: RouteMemory, frame: int, steps: int, agents: int
+) -> Iterator[Example]:
+    seen_from = frame - (LEAST_SEEN - 1) * grid.every
+    names = [
+        t.agent_id for t in recording.tracks if t.frames[0] <= seen_from and t.frames[-1] >= frame
+    ]
+    if not names:
+        return
+    window = observed_window(
+        recording, names, frame - (grid.observed - 1) * grid.every, grid.observed, grid.every
+    )
+    later = recording.window(names, frame + grid.every, steps, grid.every).states[..., :2]
+    seen = ~np.isnan(window.states).any(axis=2)
+    ready = [i for i in range(len(names)) if seen[-LEAST_SEEN:, i].all()]
+    waiting = [
+        i
+        for i in ready
+        if seen[-LEAST_OBSERVED:, i].all() and not np.isnan(later[:LEAST_PREDICTED, i]).any()
+    ]
+    known = routes.before(frame)
+    context = Context(tuple(r.path for r in known), np.array([r.frequency for r in known]))
+    now = window.states[-1, :, :2]
+    while waiting:
+        away = np.linalg.norm(now[ready] - now[waiting[0]], axis=1)
+        group = [ready[k] for k in np.argsort(away, kind="stable") if away[k] <= REACH][:agents]
+        waiting = [i for i in waiting if i not in group]
+        history = History(
+            window.states[:, group],
+            window.headings[:, group],
+            tuple(window.kinds[i] for i in group),
+            window.extents[group],
+            grid.dt,
+            context,
+        )
+        yield example_of(history, later[:, group], agents)
+
+
+def simulated_examples(row: Row, agents: int = AGENTS) -> Iterator[Example]:
+    """Of an episode as `generation` makes it, with the ego's noise on all agents' states."""
+    scene = setting_of(row["place"]).make().scene
+    count, steps, dt = row["players"], row["steps"], row["dt"]
+    every = max(1, round(STEP_SECONDS / dt))
+    states = np.array(row["states"]).reshape(steps + 1, count, 4)
+    seen = observed_states(np.array(row["observations"]).reshape(steps, -1), row["ego"], count)
+    first = (LEAST_OBSERVED - 1) * every
+    for moment in range(first, steps + 1 - LEAST_PREDICTED * every, every):
+        rows = range(max(moment % every, moment - 7 * every), moment + 1, every)
+        plain = history_of(scene, tuple(seen[min(k, steps - 1)] for k in rows))
+        ahead = range(moment + every, steps + 1, every)
+        yield example_of(replace(plain, dt=every * dt), states[list(ahead), :, :2], agents)

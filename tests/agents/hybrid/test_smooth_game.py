@@ -1,0 +1,113 @@
+"""Games between smooth strategies: by definition, by differences, against the general solver."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from agents.hybrid.smooth_game import (
+    Bodies,
+    Frames,
+    SmoothGame,
+    Traits,
+    cost,
+    equilibrium,
+    gradients,
+    positions,
+)
+from agents.hybrid.strategies import GAME_BASIS as BASIS
+
+
+@pytest.fixture(autouse=True)
+def double_precision():
+    with jax.enable_x64(True):
+        yield
+
+
+def crossing(conflict=5.0, vehicle=False, gamma=(0.3, 0.9, 0.6)):
+    """Three agents whose preferred motions cross."""
+    angle = jnp.array([0.0, 1.6, 2.9])
+    rotation = jnp.stack(
+        [
+            jnp.stack([jnp.cos(angle), -jnp.sin(angle)], -1),
+            jnp.stack([jnp.sin(angle), jnp.cos(angle)], -1),
+        ],
+        -2,
+    )
+    velocity = 1.2 * rotation[..., 0]
+    place = jnp.array([[-2.5, 0.1], [0.0, -2.6], [2.6, -0.3]])
+    frames = Frames(place, velocity, rotation)
+    kinds = jnp.array([vehicle, False, False])
+    bodies = Bodies(
+        jnp.where(kinds, 2.2, 0.3), jnp.where(kinds, 0.9, 0.3), kinds, jnp.ones(3, bool)
+    )
+    traits = Traits(
+        jnp.array(gamma), jnp.full(3, 0.2), jnp.full(3, conflict), jnp.array([0.3, 0.5, 0.4])
+    )
+    preferred = 0.1 * jax.random.normal(jax.random.key(3), (3, BASIS.value.shape[1], 2))
+    return SmoothGame(frames, bodies, traits, preferred)
+
+
+@pytest.mark.parametrize("vehicle", [False, True])
+def test_gradients_and_newtons_matrix_are_derivatives_of_the_costs(vehicle):
+    from agents.hybrid.smooth_game import _jacobian
+
+    game = crossing(vehicle=vehicle)
+    strategy = game.preferred + 0.02
+    whole = jax.jacobian(cost, argnums=1)(game, strategy, BASIS)
+    own = jnp.stack([whole[i, i] for i in range(3)])
+    np.testing.assert_allclose(gradients(game, strategy, BASIS), own, atol=1e-9)
+    count = own.size
+    matrix = jax.jacobian(gradients, argnums=1)(game, strategy, BASIS).reshape(count, count)
+    found = _jacobian(game, strategy, BASIS, jnp.ones(()))
+    np.testing.assert_allclose(found, matrix, atol=1e-3)  # up to the regularisation
+
+
+@pytest.mark.parametrize("vehicle", [False, True])
+def test_no_agent_gains_by_another_strategy(vehicle):
+    game = crossing(vehicle=vehicle)
+    found = equilibrium(game, BASIS)
+    assert found.solved
+    best = cost(game, found.strategy, BASIS)
+    assert float(jnp.abs(found.strategy - game.preferred).max()) > 1e-2  # they do meet
+    for seed in range(30):
+        noise = 10.0 ** -(seed % 3) * jax.random.normal(jax.random.key(seed), game.preferred.shape)
+        for i in range(3):
+            other = found.strategy.at[i].add(0.05 * noise[i])
+            assert cost(game, other, BASIS)[i] >= best[i] - 1e-9
+
+
+def test_who_meets_no_one_moves_as_preferred():
+    game = crossing(conflict=0.0)
+    np.testing.assert_allclose(equilibrium(game, BASIS).strategy, game.preferred, atol=1e-12)
+    empty = crossing()
+    empty = empty._replace(bodies=empty.bodies._replace(there=jnp.array([True, False, False])))
+    np.testing.assert_allclose(equilibrium(empty, BASIS).strategy, empty.preferred, atol=1e-12)
+
+
+def test_derivatives_of_the_equilibrium_by_differences():
+    game = crossing()
+
+    def final(gamma, margin, preferred):
+        traits = game.traits._replace(gamma=gamma, margin=margin)
+        changed = game._replace(traits=traits, preferred=preferred)
+        return positions(game.frames, equilibrium(changed, BASIS).strategy, BASIS)[:, -4:].sum(1)
+
+    at = game.traits.gamma, game.traits.margin, game.preferred
+    exact = jax.jacobian(final, argnums=(0, 1, 2))(*at)
+    step = 1e-5
+    for k, (value, found) in enumerate(zip(at, exact, strict=True)):
+        direction = jax.random.normal(jax.random.key(k), value.shape)
+        plus, minus = (
+            final(*[v + s * step * direction if j == k else v for j, v in enumerate(at)])
+            for s in (1.0, -1.0)
+        )
+        wanted = jnp.tensordot(found, direction, axes=value.ndim)
+        np.testing.assert_allclose((plus - minus) / (2 * step), wanted, rtol=2e-3, atol=2e-4)
+
+
+def test_a_game_without_a_solution_falls_back_to_the_preferred_motion():
+    game = crossing(conflict=jnp.nan)
+    found = equilibrium(game, BASIS)
+    assert not found.solved
+    np.testing.assert_array_equal(found.strategy, game.preferred)
