@@ -76,6 +76,6 @@ def test_wrong_requests(sample):
         with pytest.raises(EncounterError, match=told):
             encounters(open_recording(sample), agents=ids)
     with pytest.raises(
-        ValueError, match="predictor: 'magic' is unknown; choose from .*encounter-game"
+        ValueError, match=r"predictor: 'magic' is unknown; choose from .*encounter-game"
     ):
         forecast(cuts(sample)[0], "magic")
