@@ -83,7 +83,7 @@ def run(arguments: Arguments) -> list[Result]:
         found = rows(seen)
         note = (
             "Moments of development recordings, all agents near each other; every prediction "
-            "solves 20 games. A game is solved where no gradient exceeds `TOLERANCE` after the fixed "
+            "solves 20 games. One is solved where no gradient exceeds `TOLERANCE` after the fixed "
             "number of Newton steps; else the network's proposal is the future."
         )
     return [Result(TITLE, note, found).show(arguments.console)]

@@ -69,21 +69,16 @@ def play(proposed: Proposals, scene: Scene, use: GameUse) -> JointFutures:
     there = jnp.asarray(scene.bodies.there)
     proposals, logits = ranked(proposed, there)
     numbers = proposals.traits
-    if not use.infer:
-        # A sigmoid of 40 is 1.
-        numbers = numbers.at[..., 0].set(40.0)
     said = Explained(numbers, jnp.ones_like(numbers), jnp.zeros(HYPOTHESES))
     if use.game and use.window:
-        said = jax.vmap(lambda n: explained(scene, n, proposals.noise))(numbers)
-        if not use.infer:
-            said = said._replace(numbers=said.numbers.at[..., 0].set(40.0))
+        said = jax.vmap(lambda n: explained(scene, n, proposals.noise, use.infer))(numbers)
     count = len(logits)
     of_future = jnp.arange(count) % HYPOTHESES
     evidence = said.evidence - jax.nn.logsumexp(said.evidence) + jnp.log(float(HYPOTHESES))
     evidence = jnp.clip(jnp.nan_to_num(evidence), -EVIDENCE_STEP, EVIDENCE_STEP)
     # The central future stays the most likely one.
     weighted = (logits + evidence[of_future]).at[0].set(jnp.max(logits + evidence[of_future]))
-    traits = traits_of(jnp.nan_to_num(said.numbers))
+    traits = traits_of(said.numbers, use.infer)
     strategy, solved = proposals.preferred, jnp.ones(count, dtype=bool)
     if use.game:
         mine = jax.tree.map(lambda v: v[of_future], traits)

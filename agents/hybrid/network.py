@@ -140,11 +140,19 @@ START = (1.0, -2.0, 3.4, -2.3)
 """Numbers that traits are made of before training: gamma 0.74 per second, effort 0.14 s^4,
 conflict 30, margin 0.1 m."""
 
+RANGE = 4.0
+"""By how much they may differ from those, so that no trait overflows."""
 
-def traits_of(numbers: Float[Array, "*batch 4"]) -> Traits:
-    """Return traits of unbounded numbers: a gamma by a sigmoid, all others by exponentials."""
-    a, b, c, d = jnp.moveaxis(numbers, -1, 0)
+
+def traits_of(numbers: Float[Array, "*batch 4"], infer: bool = True) -> Traits:
+    """Return traits of numbers: a gamma by a sigmoid, all others by exponentials.
+
+    Discount factors are 1 unless they are inferred.
+    """
+    start = jnp.array(START)
+    a, b, c, d = jnp.moveaxis(jnp.clip(numbers, start - RANGE, start + RANGE), -1, 0)
     gamma = LEAST_GAMMA + (1.0 - LEAST_GAMMA) * jax.nn.sigmoid(a)
+    gamma = gamma if infer else jnp.ones_like(gamma)
     return Traits(gamma, jnp.exp(b), jnp.exp(c), jnp.exp(d))
 
 

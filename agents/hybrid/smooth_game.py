@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from foresight_env.games.types import Scalar
@@ -240,15 +241,11 @@ def equilibrium(game: SmoothGame, basis: Basis) -> SmoothEquilibrium:
 
     Differentiable in the game's arrays; where none was found, as the preferred motion is.
     """
-    strategy = _solution(game, basis)
-    slope = jax.lax.stop_gradient(gradients(game, strategy, basis))
-    # Comparisons with a NaN are false.
-    solved = jnp.max(jnp.abs(slope)) < TOLERANCE
-    return SmoothEquilibrium(jnp.where(solved, strategy, game.preferred), solved)
+    return _solution(game, basis)
 
 
 @jax.custom_jvp
-def _solution(game: SmoothGame, basis: Basis) -> Float[Array, "A B 2"]:
+def _solution(game: SmoothGame, basis: Basis) -> SmoothEquilibrium:
     """Newton's method from the preferred motions, a fixed number of steps."""
 
     def step(k: Any, strategy: Any) -> Any:
@@ -256,17 +253,29 @@ def _solution(game: SmoothGame, basis: Basis) -> Float[Array, "A B 2"]:
         matrix = _jacobian(game, strategy, basis, jnp.where(k < APPROACH, 0.0, 1.0))
         return strategy - jnp.linalg.solve(matrix, slope.ravel()).reshape(slope.shape)
 
-    found: Float[Array, "A B 2"] = jax.lax.fori_loop(0, APPROACH + FINISH, step, game.preferred)
-    return found
+    found = jax.lax.fori_loop(0, APPROACH + FINISH, step, game.preferred)
+    # Comparisons with a NaN are false.
+    solved = jnp.max(jnp.abs(gradients(game, found, basis))) < TOLERANCE
+    return SmoothEquilibrium(jnp.where(solved, found, game.preferred), solved)
 
 
 @_solution.defjvp
 def _solution_jvp(
     primals: tuple[SmoothGame, Basis], tangents: tuple[SmoothGame, Basis]
-) -> tuple[Float[Array, "A B 2"], Float[Array, "A B 2"]]:
-    """Implicit function theorem on `gradients = 0`."""
+) -> tuple[SmoothEquilibrium, SmoothEquilibrium]:
+    """Implicit function theorem on `gradients = 0`; the preferred motion's where it was not solved.
+
+    Nothing of a game that was not solved enters a derivative: it may hold NaN.
+    """
     game, basis = primals
-    strategy = _solution(game, basis)
+    strategy, solved = _solution(game, basis)
     change = jax.jvp(lambda g, b: gradients(g, strategy, b), primals, tangents)[1]
     matrix = _jacobian(game, strategy, basis, jnp.ones(()))
-    return strategy, -jnp.linalg.solve(matrix, change.ravel()).reshape(change.shape)
+    eye = jnp.eye(len(matrix), dtype=matrix.dtype)
+    change = jnp.where(solved, change, 0.0).ravel()
+    implied = -jnp.linalg.solve(jnp.where(solved, matrix, eye), change)
+    preferred = jnp.asarray(tangents[0].preferred)
+    slope = jnp.where(solved, implied.reshape(strategy.shape), preferred)
+    return SmoothEquilibrium(strategy, solved), SmoothEquilibrium(
+        slope, np.zeros(solved.shape, dtype=jax.dtypes.float0)
+    )

@@ -43,13 +43,16 @@ class Explained(NamedTuple):
     """Logarithm of the window's likelihood, over which parameters are integrated (Laplace)."""
 
 
-def explained(scene: Scene, numbers: Float[Array, "A 4"], noise: Float[Array, ""]) -> Explained:
+def explained(
+    scene: Scene, numbers: Float[Array, "A 4"], noise: Float[Array, ""], infer: bool = True
+) -> Explained:
     """Return what the window says of traits, given as the unbounded numbers of `traits_of`.
 
     Args:
         scene: agents that were not observed throughout its window take no part.
         numbers: the proposal.
         noise: standard deviation of observations, m.
+        infer: whether discount factors are inferred; else they are 1.
     """
     followed = jnp.asarray(scene.followed)
     seen = jnp.where(followed[:, None, None], jnp.asarray(scene.window), 0.0)[:, 1:]
@@ -60,7 +63,7 @@ def explained(scene: Scene, numbers: Float[Array, "A 4"], noise: Float[Array, ""
 
     def residual(parameters: Float[Array, "A 6"]) -> Float[Array, "A observed 2"]:
         wanted = jnp.asarray(STRAIGHT)[None, :, None] * parameters[:, None, :2]
-        game = SmoothGame(scene.start, bodies, traits_of(parameters[:, 2:]), wanted)
+        game = SmoothGame(scene.start, bodies, traits_of(parameters[:, 2:], infer), wanted)
         path = positions(scene.start, equilibrium(game, GAME_BASIS).strategy, GAME_BASIS)
         missed = path[:, :OBSERVED] - seen
         return jnp.where(followed[:, None, None], missed, 0.0)
@@ -75,7 +78,8 @@ def explained(scene: Scene, numbers: Float[Array, "A 4"], noise: Float[Array, ""
         # derivatives.
         fixed = jax.lax.stop_gradient(start + departure.reshape(start.shape))
         error = jax.lax.stop_gradient(residual(fixed)).ravel() / noise
-        slope = jax.lax.stop_gradient(jax.jacfwd(residual)(fixed)).reshape(error.size, -1) / noise
+        slopes = jax.lax.stop_gradient(jax.jacfwd(residual)(fixed))
+        slope = slopes.reshape(error.size, -1) / noise
         factor = jax.scipy.linalg.cho_factor(slope.T @ slope + jnp.diag(precision), lower=True)
         # Residuals of a linear model, at the proposal.
         linear = error - slope @ jax.lax.stop_gradient(departure)

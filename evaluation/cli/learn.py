@@ -65,8 +65,8 @@ def train(
     hold_out: Annotated[
         str | None,
         typer.Option(
-            help="hybrid-game: scene of the ETH/UCY protocol that the weights will be tested on; "
-            f"it learns from the others of --data: {', '.join(SCENE_NAMES)}.",
+            help="Of predictors: scene of the ETH/UCY protocol that the weights will be tested on; "
+            f"they learn from the others of --data: {', '.join(SCENE_NAMES)}.",
             show_default=False,
         ),
     ] = None,
@@ -92,8 +92,8 @@ def train(
     if data is not None and name not in (*FORECASTERS, HYBRID):
         raise ValueError(f"--data: {name} learns from episodes only; leave it out")
     if hold_out is not None:
-        if name != HYBRID:
-            raise ValueError(f"--hold-out: {name} has no such training; leave it out")
+        if name not in (*FORECASTERS, HYBRID):
+            raise ValueError(f"--hold-out: {name} is no predictor; leave it out")
         listed("--hold-out", hold_out, SCENE_NAMES)
         if data is None:
             raise ValueError("--hold-out: needs --data, the folder of the protocol's scenes")
@@ -113,6 +113,8 @@ def train(
     }  # fmt: skip
     chosen = {option: value for option, value in chosen.items() if value is not None}
     schedule = Schedule(**chosen, seed=seed)
+    if hold_out is not None:
+        out = out / hold_out
     if name == HYBRID:
         from evaluation.training.hybrid import PROPOSING, train_hybrid
         from evaluation.training.hybrid_data import development, leave_one_out
@@ -122,8 +124,7 @@ def train(
         else:
             examples = leave_one_out(data, hold_out)
         first = replace(PROPOSING, **chosen, seed=seed)
-        found = train_hybrid(examples, out / (hold_out or "") / name, first, on_epoch)
-        out = out / (hold_out or "")
+        found = train_hybrid(examples, out / name, first, on_epoch)
     elif name == PPO:
         from evaluation.training.reinforcement import reinforce
 
@@ -131,7 +132,7 @@ def train(
     else:
         from evaluation.training.supervised import learn
 
-        found = learn(name, folders, data, out / name, schedule, on_epoch)
+        found = learn(name, folders, data, out / name, schedule, on_epoch, hold_out=hold_out)
     best = found.curve[found.best]
     typer.echo(f"kept: epoch {best.number}, validation {best.validation:.4f}")
     typer.echo(f"weights: {out / name / f'{name}.safetensors'}")

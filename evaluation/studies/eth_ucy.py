@@ -244,7 +244,8 @@ def _settings(name: str, folder: Path | None, scenes: Sequence[str]) -> str:
     for scene in scenes:
         if name in LEARNED:
             _check_weights(folder, scene, name)
-    own = {make_predictor(name, folder / scene).name for scene in scenes}
+    made = (make_predictor(name, folder / scene).name for scene in scenes)
+    own = {weights_file(folder, each).stem for each in made}
     files = {
         scene: sorted(path for n in own for path in (folder / scene).glob(f"{n}.*"))
         for scene in SCENES
@@ -264,9 +265,8 @@ def _check_weights(folder: Path, scene: str, name: str) -> None:
     path = weights_file(folder / scene, name)
     if path.is_file():
         return
-    others = ", ".join(other for other in SCENES if other != scene)
     raise ValueError(
-        f"{path}: is missing; {name} needs weights trained without {scene}: put the other "
-        f"scenes ({others}) into a folder DIR, run `foresight train {name} --data DIR`, and "
-        f"copy {name}.safetensors and {name}.json there, or name another folder of weights"
+        f"{path}: is missing; {name} needs weights trained without {scene}: "
+        f"foresight train {path.stem} --data DIR --hold-out {scene} --out OUT makes them, in "
+        f"OUT/{scene}/{path.stem}; copy them there, or name another folder of weights"
     )

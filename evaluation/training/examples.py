@@ -73,6 +73,11 @@ def recorded_scenes(recording: Recording, part: str) -> Iterator[Examples]:
     """
     if split_of(recording.name) != "development":
         raise ValueError(f"recording: {recording.name} is for tests; nothing is learned from it")
+    yield from scenes_in(recording, part)
+
+
+def scenes_in(recording: Recording, part: str) -> Iterator[Examples]:
+    """Of any recording, the moments of a part: "train" or "validation"."""
     grid = Grid.of(recording)
     start, end = recording.frame_range
     train = part == "train"

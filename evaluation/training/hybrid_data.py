@@ -16,7 +16,7 @@ from evaluation.training.examples import LONG, VALIDATION
 from evaluation.training.generation import episodes_in
 from evaluation.training.hybrid import TrainingData
 from evaluation.training.hybrid_examples import recorded_examples, simulated_examples, stacked
-from evaluation.windows.eth_ucy import SCENES, read_scene_file, scene_files, scene_of
+from evaluation.windows.eth_ucy import others, read_scene_file, scene_files, scene_of
 from evaluation.windows.interaction import split_of
 from foresight_env.datasets import Recording, open_recording, recordings_below
 
@@ -36,12 +36,7 @@ def leave_one_out(data: Path, held_out: str) -> TrainingData:
     Raises:
         RecordingError: a scene's file is missing.
     """
-    recordings = [
-        read_scene_file(str(path), scene)
-        for scene in SCENES
-        if scene != held_out
-        for path in scene_files(data, scene)
-    ]
+    recordings = others(data, held_out)
 
     def examples(part: str, places: int) -> Iterable[Example]:
         for recording in recordings:

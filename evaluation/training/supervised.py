@@ -28,12 +28,14 @@ from evaluation.training.examples import (
     Examples,
     mirrored,
     recorded_scenes,
+    scenes_in,
     simulated_scenes,
     stack,
 )
 from evaluation.training.generation import episodes_in
 from evaluation.training.names import CLONED, GAMMA, SUPERVISED
 from evaluation.training.trained import write_trained
+from evaluation.windows.eth_ucy import others
 from evaluation.windows.interaction import split_of
 from foresight_env.datasets import open_recording, recordings_below
 
@@ -64,6 +66,12 @@ def forecast_data(episodes: Sequence[Path], data: Path | None, part: str) -> Exa
     if not (simulated or recorded):
         raise ValueError("--episodes, --data: hold nothing to learn from")
     return stack([*simulated, *recorded])
+
+
+def protocol_data(data: Path, hold_out: str, part: str) -> Examples:
+    """Scenes of a part, "train" or "validation", of the ETH/UCY protocol's other recordings."""
+    recordings = others(data, hold_out)
+    return stack([scene for recording in recordings for scene in scenes_in(recording, part)])
 
 
 def gamma_data(episodes: Sequence[Path], part: str) -> GammaExample:
@@ -121,8 +129,13 @@ def learn(
     folder: Path,
     schedule: Schedule,
     on_epoch: Callable[[Epoch], None] = lambda epoch: None,
+    *,
+    hold_out: str | None = None,
 ) -> Trained:
-    """Train, and write `NAME.safetensors`, `NAME.json`, `curve.csv` and `curve.png` in `folder`."""
+    """Train, and write `NAME.safetensors`, `NAME.json`, `curve.csv` and `curve.png` in `folder`.
+
+    `hold_out`: forecasters learn from all scenes of the ETH/UCY protocol in `data` but this one.
+    """
     if name not in SUPERVISED:
         raise ValueError(f"name: {name!r} is unknown; choose from {', '.join(SUPERVISED)}")
     begin = time.perf_counter()
@@ -137,6 +150,10 @@ def learn(
     elif name == CLONED:
         examples, validation = (cloning_data(episodes, part) for part in parts)
         make, loss = CloningNetwork, cloning_loss
+    elif hold_out is not None and data is not None:
+        examples, validation = (protocol_data(data, hold_out, part) for part in parts)
+        examples = stack([examples, mirrored(examples)])
+        make, loss = NETWORKS[name], scene_loss
     else:
         examples, validation = (forecast_data(episodes, data, part) for part in parts)
         examples = stack([examples, mirrored(examples)])

@@ -76,3 +76,17 @@ def scene_files(data: str | Path, scene: str) -> tuple[Path, ...]:
 def _name(path: Path) -> str:
     """A recording's name, as `read_ucy` finds it."""
     return path.stem.removesuffix("obsmat").rstrip("_") or path.absolute().parent.name
+
+
+def others(data: str | Path, held_out: str) -> tuple[Recording, ...]:
+    """Return the recordings of all scenes but one.
+
+    Raises:
+        RecordingError: a file is missing.
+    """
+    return tuple(
+        read_scene_file(str(path), scene)
+        for scene in SCENES
+        if scene != held_out
+        for path in scene_files(data, scene)
+    )
