@@ -64,7 +64,7 @@ def main(
         ),
     ] = None,
 ) -> None:
-    """Measure speed and accuracy; full studies are written to docs/benchmarks.md."""
+    """Measure speed and accuracy; full studies are written to docs/development/benchmarks.md."""
     console = terminal()
     arguments = Arguments(console, quick, data, reference)
     for study in Study if only is None else (only,):

@@ -193,7 +193,7 @@ def run(arguments: Arguments) -> list[Result]:
     drawn = ""
     if theirs is not None and not arguments.quick:
         picture(rows, theirs)
-        drawn = f" ![errors and the reference's](images/{PICTURE.name})"
+        drawn = f" ![errors and the reference's](../images/{PICTURE.name})"
     equivalence: TableRow = {
         "quantity": "error of the best gamma = 1 fit, reference cost",
         "here": f"{reference_error():.4f}",

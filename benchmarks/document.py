@@ -1,4 +1,4 @@
-"""docs/benchmarks.md: one part per study, each with its own date and machine.
+"""docs/development/benchmarks.md: one part per study, each with its own date and machine.
 
 Studies take up to half an hour each, so every one is written as soon as it ends; the others' parts
 stay as they are.
@@ -18,7 +18,7 @@ from benchmarks.timing import ROOT, Yardstick, processor
 from evaluation.execution.store import write_atomically
 from foresight_env import __version__
 
-DOCUMENT = ROOT / "docs" / "benchmarks.md"
+DOCUMENT = ROOT / "docs" / "development" / "benchmarks.md"
 HEADING = """# Benchmarks
 
 Written by `make bench`, one study after the other; do not edit. Times in brackets are multiples of

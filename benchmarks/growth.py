@@ -81,6 +81,6 @@ def run(arguments: Arguments) -> list[Result]:
     plt.close(figure)
     note = (
         "Walkers that cross on a circle, soft proximity, one solve at a time. Exponents over the "
-        f"larger half: {', '.join(exponents)}. ![growth](images/growth.png) {yardstick.note}"
+        f"larger half: {', '.join(exponents)}. ![growth](../images/growth.png) {yardstick.note}"
     )
     return [Result("Growth", note, rows).show(arguments.console)]

@@ -18,7 +18,7 @@ NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
 
 def blocks():
     """Python code blocks of the documentation, file by file."""
-    files = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+    files = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
     found = {}
     for path in files:
         if path.exists():
@@ -38,9 +38,11 @@ def test_documented_code_runs(name, tmp_path, monkeypatch):
 
 
 def test_there_is_documented_code():
-    assert {"docs/defining_a_game.md", "docs/intersection.md", "docs/lane_change.md"} <= set(
-        blocks()
-    )
+    assert {
+        "docs/tutorials/define_a_game.md",
+        "docs/environments/intersection.md",
+        "docs/tutorials/lane_change.md",
+    } <= set(blocks())
 
 
 FEWER = {"predictors": (("range(12)", "range(3)"), ("range(3)]", "range(1)]"))}

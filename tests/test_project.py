@@ -120,7 +120,7 @@ def test_the_changelog_tells_of_this_version():
 def commands():
     """Lines that call `foresight` in shell blocks and tables of the documentation."""
     found = []
-    for path in [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]:
+    for path in [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]:
         text = path.read_text(encoding="utf-8").replace("\\\n", " ")
         shell = re.findall(r"^```sh\n(.*?)^```", text, re.M | re.S)
         found += [line for block in shell for line in block.splitlines()]
@@ -142,12 +142,35 @@ def test_documented_commands_exist(line):
     assert {word for word in words if word.startswith("--")} <= known
 
 
+LINKING = [p for p in ROOT.glob("*.md") if p.name != "CHANGELOG.md"]
+LINKING += sorted((ROOT / "docs").rglob("*.md"))
+
+
+@pytest.mark.parametrize("path", LINKING, ids=lambda path: path.relative_to(ROOT).as_posix())
+def test_links_to_files_lead_somewhere(path):
+    """Relative links, as they are followed in the repository; `make docs` checks the site's."""
+    text = re.sub(r"^```.*?^```", "", path.read_text(encoding="utf-8"), flags=re.M | re.S)
+    links = re.findall(r"\]\(([^)\s]+)\)", text)
+    files = [link.partition("#")[0] for link in links if "://" not in link]
+    assert [name for name in files if name and not (path.parent / name).exists()] == []
+
+
+def test_the_first_screen_is_short():
+    """The README: length, words in cells of tables, size of its film."""
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert len(text.splitlines()) <= 120
+    cells = [c for line in text.splitlines() if line.startswith("|") for c in line.split("|")]
+    assert [cell for cell in cells if len(re.sub(r"\]\([^)]*\)", "", cell).split()) > 12] == []
+    (film,) = re.findall(r"!\[[^\]]*\]\(([^)]*)\)", text)
+    assert (ROOT / film).stat().st_size < 2e6
+
+
 @pytest.mark.parametrize(
     ("page", "link", "kept"),
     [
         ("index.md", "../README.md", False),
         ("index.md", "api/envs.md", True),
-        ("api/envs.md", "../environments.md", True),
+        ("api/envs.md", "../environments/index.md", True),
         ("api/envs.md", "../../README.md", False),
     ],
 )

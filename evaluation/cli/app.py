@@ -15,7 +15,9 @@ from evaluation.cli.evaluate import evaluate
 from evaluation.cli.learn import generate, train
 from evaluation.cli.options import (
     EGO_HELP,
+    ColumnsOption,
     OutOption,
+    RateOption,
     SafetyFilterOption,
     WorkersOption,
     check_ego,
@@ -23,6 +25,7 @@ from evaluation.cli.options import (
     look_here,
     make_all,
     plain_errors,
+    table_columns,
 )
 from evaluation.cli.protocols import evaluate_eth_ucy, export
 from evaluation.cli.value import value
@@ -161,7 +164,11 @@ def run(
 @plain_errors
 def estimate(
     file: Annotated[
-        Path, typer.Argument(help="A DUT (*_ped_filtered.csv), UCY (obsmat.txt) or inD recording.")
+        Path,
+        typer.Argument(
+            help="A DUT (*_ped_filtered.csv), UCY (obsmat.txt) or inD recording, or a CSV file "
+            "with --columns and --rate."
+        ),
     ],
     ids: Annotated[
         str | None, typer.Option(help="Two agents, such as 'veh:0,ped:6' (DUT) or '16,18' (UCY).")
@@ -172,14 +179,48 @@ def estimate(
     recording: Annotated[
         str | None, typer.Option(help="Number of the recording in an inD folder, such as 07.")
     ] = None,
+    columns: ColumnsOption = None,
+    rate: RateOption = None,
+    whole: Annotated[
+        bool,
+        typer.Option(
+            "--whole",
+            help="Infer discount factors, with 90 % intervals, from the whole encounter instead "
+            "of predicting its second part.",
+        ),
+    ] = False,
+    collision_weight: Annotated[
+        float | None,
+        typer.Option(
+            help="Of --whole: how much being close costs, which discount factors are inferred "
+            "given; default 0.3, which predicts recorded people best.",
+            show_default=False,
+        ),
+    ] = None,
     pictures: Annotated[bool, typer.Option(help="Draw each encounter.")] = True,
     out: OutOption = Path("results/estimate"),
 ) -> None:
-    """Recorded data: infer on the first part of an encounter, predict the rest, compare."""
+    """Recorded data: infer on the first part of an encounter, predict the rest, compare.
+
+    With --whole: infer from all of it. Of a CSV file name the columns: --columns time,person,x,y.
+    """
+    if collision_weight is not None and not whole:
+        raise ValueError("--collision-weight: needs --whole")
+    from foresight_env.datasets import open_recording
+
+    named = table_columns(columns)
+    opened = open_recording(file, recording=recording, columns=named, rate=rate)
+    agents = None if ids is None else tuple(part.strip() for part in ids.split(","))
+    if whole:
+        from evaluation.cli.whole_encounters import estimate_whole
+        from foresight_env.scenarios.encounter import COLLISION_WEIGHT
+
+        weight = COLLISION_WEIGHT if collision_weight is None else collision_weight
+        estimate_whole(opened, agents, count or None, weight, pictures, out)
+        return
     from evaluation.cli.demonstration import estimate_recorded
 
-    agents = None if ids is None else tuple(part.strip() for part in ids.split(","))
-    estimate_recorded(file, agents, count or None, recording, pictures, out)
+    estimate_recorded(opened, agents, count or None, pictures, out)
 
 
 @app.command()
@@ -214,13 +255,21 @@ def demo(
         Path | None,
         typer.Option(help="A recording to end on; default: one that the project makes itself."),
     ] = None,
+    columns: ColumnsOption = None,
+    rate: RateOption = None,
     workers: WorkersOption = None,
     out: OutOption = Path("results/demo"),
 ) -> None:
     """The whole idea in about two minutes: agents, inference, comparison, recorded data."""
+    if data is None and (columns is not None or rate is not None):
+        raise ValueError("--columns, --rate: need --data")
+    from foresight_env.datasets import open_recording
+
+    named = table_columns(columns)
+    opened = None if data is None else open_recording(data, columns=named, rate=rate)
     from evaluation.cli.demonstration import demonstrate
 
-    demonstrate(data, workers, out)
+    demonstrate(opened, workers, out)
 
 
 def main() -> None:

@@ -63,6 +63,7 @@ from evaluation.studies.intersection import least_observed, observed_steps
 from evaluation.studies.junction_comparison import compare
 from evaluation.windows.encounters import PREDICTORS, encounters, forecast
 from evaluation.windows.intersection import Choice, contradictions, load
+from foresight_env.datasets import Recording, open_recording
 from foresight_env.inverse import Profile
 
 DEMO_SETTING = "crowd-3-far"
@@ -276,17 +277,16 @@ def evaluate_prediction(
 
 
 def estimate_recorded(
-    file: Path,
+    recording: Recording,
     agents: tuple[str, ...] | None,
     count: int | None,
-    recording: str | None,
     pictures: bool,
     out: Path,
 ) -> None:
     """`foresight estimate`."""
     console = terminal()
     # Everything that can be wrong with the input is found before anything is written.
-    chosen = encounters(file, agents=agents, count=count, recording_number=recording)
+    chosen = encounters(recording, agents=agents, count=count)
     if pictures:
         out.mkdir(parents=True, exist_ok=True)  # an unwritable folder is reported before the work
     results = []
@@ -303,11 +303,11 @@ def estimate_recorded(
         _tell(console, recorded_encounter(encounter, forecasts, path))
 
 
-def demonstrate(data: Path | None, workers: Workers, out: Path) -> None:
+def demonstrate(data: Recording | None, workers: Workers, out: Path) -> None:
     """`foresight demo`."""
     console = terminal()
     if data is not None:
-        encounters(data, count=2)  # a bad file is reported at once, not after two minutes
+        encounters(data, count=2)  # that there is none is reported at once, not after two minutes
     # The study comes first: its processes compile side by side what the later parts need.
     setting = SETTINGS[DEMO_SETTING]
     console.rule("1. The value of knowing the others' foresight: four egos, the same crossings")
@@ -338,6 +338,6 @@ def demonstrate(data: Path | None, workers: Workers, out: Path) -> None:
         )
         made = write_sample(out / "recorded")
         console.print(f"recording: {made}", soft_wrap=True, markup=False)
-        estimate_recorded(made, None, 2, None, True, out / "recorded")
+        estimate_recorded(open_recording(made), None, 2, True, out / "recorded")
     else:
-        estimate_recorded(data, None, 2, None, True, out / "recorded")
+        estimate_recorded(data, None, 2, True, out / "recorded")

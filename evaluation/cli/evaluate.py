@@ -15,9 +15,11 @@ from evaluation.cli.options import (
     EGO_NAMES,
     PREDICTOR_NAMES,
     ClusterOption,
+    ColumnsOption,
     NoiseOption,
     OutOption,
     PlayersOption,
+    RateOption,
     SafetyFilterOption,
     SeedsOption,
     Split,
@@ -28,6 +30,7 @@ from evaluation.cli.options import (
     chosen_workers,
     listed,
     plain_errors,
+    table_columns,
 )
 from foresight_env.names import DRIVING_BEHAVIOURS, SCENE_NAMES, Observation
 
@@ -210,8 +213,8 @@ def evaluate_intersection(
     data: Annotated[
         Path | None,
         typer.Option(
-            help="Folder or file of recordings (inD, DUT, UCY); without it, a recording that the "
-            "project makes itself."
+            help="Folder or file of recordings (inD, DUT, UCY), or a CSV file with --columns and "
+            "--rate; without it, a recording that the project makes itself."
         ),
     ] = None,
     recording: Annotated[
@@ -224,6 +227,8 @@ def evaluate_intersection(
         str | None,
         typer.Option(help="FIRST:LAST, both included; default: while all of them are there."),
     ] = None,
+    columns: ColumnsOption = None,
+    rate: RateOption = None,
     every: Annotated[int, typer.Option(min=1, help="Take every n-th frame.")] = 6,
     place: Annotated[
         Site,
@@ -253,8 +258,8 @@ def evaluate_intersection(
     out: OutOption = Path("results/intersection"),
 ) -> None:
     """Recorded people and cars: estimation error over noise, and a prediction (paper, VI-B)."""
-    if data is None and (recording or tracks or frames):
-        raise ValueError("--recording, --tracks, --frames: need --data")
+    if data is None and (recording or tracks or frames or columns or rate):
+        raise ValueError("--recording, --tracks, --frames, --columns, --rate: need --data")
     if data is not None and tracks is None:
         raise ValueError("--tracks: is missing; name the agents, such as 201,205,207,208")
     from evaluation.cli import demonstration
@@ -264,7 +269,17 @@ def evaluate_intersection(
     if data is not None:
         names = tuple(name.strip() for name in (tracks or "").split(","))
         span = None if frames is None else _frames(frames)
-        choice = Choice(str(data), names, span, every, recording, place)
+        named = table_columns(columns)
+        choice = Choice(
+            str(data),
+            names,
+            span,
+            every,
+            recording,
+            place,
+            columns=None if named is None else tuple(named.items()),
+            rate=rate,
+        )
     demonstration.evaluate_intersection(
         choice, levels, sequences, parameters, at, chosen_workers(workers, cluster), out
     )

@@ -141,6 +141,48 @@ def check_noise(std: float) -> None:
         raise ValueError(f"--noise-std: is {std}; expected a finite number")
 
 
+def table_columns(text: str | None) -> dict[str, str] | None:
+    """Meaning of `--columns`: the library's name -> the file's (`Recording.from_dataframe`).
+
+    Raises:
+        ValueError: there are unnamed entries other than four, or a name is repeated.
+    """
+    if text is None:
+        return None
+    entries = [entry.strip() for entry in text.split(",")]
+    unnamed = [entry for entry in entries if "=" not in entry]
+    if len(unnamed) not in (0, len(TABLE_ORDER)) or "" in unnamed:
+        raise ValueError(
+            f"--columns: is {text!r}; expected the file's names of {', '.join(TABLE_ORDER)}, such "
+            "as t,person,x,y, or named ones, such as frame=n,agent=person,kind=class"
+        )
+    found = dict(zip(TABLE_ORDER, unnamed, strict=False))
+    for entry in entries:
+        name, named, user = (part.strip() for part in entry.partition("="))
+        if named and name in found:
+            raise ValueError(f"--columns: names {name} twice; name each column once")
+        if named:
+            found[name] = user
+    return found
+
+
+TABLE_ORDER = ("time", "agent", "x", "y")
+"""Columns that `--columns` lists without their names, in this order."""
+ColumnsOption = Annotated[
+    str | None,
+    typer.Option(
+        help="Of a CSV file: its columns for time (s), agent, x, y (m), such as t,person,x,y; "
+        "others by name, such as frame=n,agent=person,x=px,y=py,kind=class,heading=psi.",
+    ),
+]
+RateOption = Annotated[
+    float | None,
+    typer.Option(
+        help="Hz: rows of a CSV file per second and agent; frame numbers per second of UCY "
+        "(default 25; ETH's first scene has 15).",
+        show_default=False,
+    ),
+]
 OutOption = Annotated[Path, typer.Option(help="Folder for results and pictures.")]
 PlayersOption = Annotated[int, typer.Option(min=2, max=6, help="Number of agents.")]
 NoiseOption = Annotated[

@@ -44,7 +44,7 @@ class Clairvoyant:
 
     candidates: int = 16
     """Searched ones, in addition to the given: half of them around the best factors so far. Twice
-    as many lower the cost by 0.7 % (docs/design.md)."""
+    as many lower the cost by 0.7 % (docs/development/design.md)."""
     spread: float = 1.0
     """Standard deviation of the logarithms of both factors, of the ego's collision weight and of
     its weight of progress; half as large around the best."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 from agents.interfaces.predictor import Forecast
 from agents.registry import make_predictor
@@ -16,7 +15,6 @@ from foresight_env.datasets import (
     Recording,
     closest_crossings,
     find_interaction,
-    open_recording,
 )
 
 LEAD_SECONDS = 2.0
@@ -55,32 +53,26 @@ class EncounterError(ValueError):
 
 
 def encounters(
-    path: str | Path,
-    *,
-    agents: Sequence[str] | None = None,
-    count: int | None = 3,
-    recording_number: str | None = None,
+    recording: Recording, *, agents: Sequence[str] | None = None, count: int | None = 3
 ) -> tuple[Encounter, ...]:
-    """The encounter of two given agents, or those of the `count` closest crossings, in order.
+    """Return the encounter of two given agents, or those of the `count` closest crossings.
 
     Pairs that were not both seen long enough around their crossing, or not before it, are passed
-    over, unless they were asked for by id. Raises `RecordingError` for a bad file and
-    `EncounterError` for bad ids.
+    over, unless they were asked for by id.
+
+    Args:
+        recording: with the agents.
+        agents: two ids; None finds pairs whose paths cross.
+        count: how many; None for all.
+
+    Returns:
+        The encounters, in the order of the closest crossings.
+
+    Raises:
+        EncounterError: bad ids, or there is no encounter.
     """
-    recording = open_recording(path, recording=recording_number)
     if agents is not None:
-        if len(agents) != 2:
-            raise EncounterError(f"ids: {len(agents)} given; an encounter has two agents")
-        unknown = [a for a in agents if a not in recording.agents]
-        if unknown:
-            raise EncounterError(
-                f"ids: {recording.name} has no agent {unknown[0]!r}; it has "
-                f"{', '.join(recording.agents[:12])}{', ...' if len(recording.agents) > 12 else ''}"
-            )
-        try:
-            interaction = find_interaction(recording, (agents[0], agents[1]))
-        except ValueError as error:
-            raise EncounterError(f"ids: {error}") from error
+        interaction = crossing_of(recording, agents)
         return (before_crossing(recording, interaction),)
     found = []
     for interaction in closest_crossings(recording):
@@ -98,6 +90,33 @@ def encounters(
             f"{recording.name}: no two agents cross and are seen long enough before and after"
         )
     return tuple(found)
+
+
+def crossing_of(recording: Recording, agents: Sequence[str]) -> Interaction:
+    """Return the crossing of two agents.
+
+    Args:
+        recording: with the agents.
+        agents: two different ids.
+
+    Returns:
+        Their crossing.
+
+    Raises:
+        EncounterError: there are not two ids, one is unknown, or the agents' paths do not cross.
+    """
+    if len(agents) != 2:
+        raise EncounterError(f"ids: {len(agents)} given; an encounter has two agents")
+    unknown = [a for a in agents if a not in recording.agents]
+    if unknown:
+        raise EncounterError(
+            f"ids: {recording.name} has no agent {unknown[0]!r}; it has "
+            f"{', '.join(recording.agents[:12])}{', ...' if len(recording.agents) > 12 else ''}"
+        )
+    try:
+        return find_interaction(recording, (agents[0], agents[1]))
+    except ValueError as error:
+        raise EncounterError(f"ids: {error}") from error
 
 
 def before_crossing(recording: Recording, interaction: Interaction) -> Encounter:

@@ -48,6 +48,10 @@ class Choice:
     """`"aachen"`: turned as published, with corners, road sides and lanes; `"open"`: as recorded,
     no region, lanes from the tracks; `"auto"`: the first for inD recordings that lie there."""
     wheelbase: float = WHEELBASE
+    columns: tuple[tuple[str, str], ...] | None = None
+    """Of a CSV file, as pairs of names: the library's and the file's."""
+    rate: float | None = None
+    """Hz, of a CSV file or of UCY (`open_recording`)."""
 
 
 class Case(NamedTuple):
@@ -79,7 +83,12 @@ def load(choice: Choice) -> Case:
 
     Raises `RecordingError` for a bad file and `WindowError` for a choice that does not fit it.
     """
-    recording = open_recording(Path(choice.data), recording=choice.recording)
+    recording = open_recording(
+        Path(choice.data),
+        recording=choice.recording,
+        columns=None if choice.columns is None else dict(choice.columns),
+        rate=choice.rate,
+    )
     unknown = [agent for agent in choice.tracks if agent not in recording.agents]
     if unknown or not choice.tracks or len(set(choice.tracks)) < len(choice.tracks):
         shown = ", ".join(recording.agents[:12]) + (", ..." if len(recording.agents) > 12 else "")

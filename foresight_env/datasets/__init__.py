@@ -1,11 +1,12 @@
-"""Recorded trajectories (inD, DUT, UCY/ETH) read into one `Recording` type.
+"""Recorded trajectories (inD, DUT, UCY/ETH, your tables) read into one `Recording` type.
 
 Reading and writing inD and DUT needs the extra `evaluation` (pyarrow).
-`open_recording` reads any of the formats, `Recording.window` gives arrays, `closest_crossings`
-finds pairs of agents that interact. No data set is shipped: the writers make recordings in the
-same formats.
+`open_recording` reads any of the formats, `Recording.from_dataframe` takes a table.
+`Recording.window` gives arrays, `closest_crossings` finds pairs of agents that interact. No data
+set is shipped: the writers make recordings in the same formats.
 """
 
+from foresight_env.datasets.csv_table import read_csv_table
 from foresight_env.datasets.dut import DUT_RATE, read_dut, write_dut
 from foresight_env.datasets.errors import RecordingError
 from foresight_env.datasets.ind import find_ind_recordings, read_ind, write_ind
@@ -36,6 +37,7 @@ __all__ = [
     "observed_window",
     "open_recording",
     "past_velocities",
+    "read_csv_table",
     "read_dut",
     "read_ind",
     "read_ucy",

@@ -28,8 +28,10 @@ _MEANINGS = {"whole": "a whole number", "number": "a finite number", "text": "te
 _BLOCK_BYTES = 1 << 23
 
 
-def check_text_file(path: Path) -> str:
-    """Return the first line, after checking that the file is a complete, non-empty text file.
+def check_text_file(path: Path, *, whole: bool = True) -> str:
+    """Return the first line, after checking that the file is a non-empty text file.
+
+    `whole`: the last line must end in a newline.
 
     Raises:
         RecordingError: missing, empty or binary, or the last line is cut off.
@@ -49,7 +51,7 @@ def check_text_file(path: Path) -> str:
         raise RecordingError(path, 1, "this is a binary file; it must be plain, uncompressed text")
     # A number cut in its middle is still a number: the newline at the end is the only sign that
     # the last value is whole.
-    if tail not in b"\r\n":
+    if whole and tail not in b"\r\n":
         raise RecordingError(
             path,
             _count_lines(path),

@@ -57,7 +57,14 @@ _PARTS = ("tracks", "tracksMeta", "recordingMeta")
 
 
 def find_ind_recordings(directory: str | os.PathLike[str]) -> tuple[str, ...]:
-    """Return the numbers of the recordings in a directory, as written: ``('00', '07', ...)``."""
+    """Return the numbers of the recordings in a directory of inD.
+
+    Args:
+        directory: with files ``NN_tracks.csv``.
+
+    Returns:
+        The numbers as written, in their order: ``('00', '07', ...)``; empty where there is none.
+    """
     names = (path.name.removesuffix("_tracks.csv") for path in Path(directory).glob("*_tracks.csv"))
     return tuple(sorted(name for name in names if name.isdecimal()))
 

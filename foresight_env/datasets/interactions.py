@@ -157,6 +157,9 @@ def find_interaction(
         reach: m; as in `closest_crossings`.
         window_seconds: s, greatest length of the suggested window.
 
+    Returns:
+        Their crossing.
+
     Raises:
         ValueError: the ids are not two known, different ones, the paths neither cross nor come
             within `reach`, a limit is negative, or the agents are never present in the same frame.

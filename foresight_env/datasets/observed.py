@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from foresight_env.datasets.recording import Recording
-from foresight_env.datasets.track import Track, Window
+from foresight_env.datasets.track import Track, Window, backward_differences
 
 __all__ = ["observed_window", "past_velocities"]
 
@@ -64,10 +64,7 @@ def past_velocities(
     """
     known = track.frames <= frames[-1]
     times, positions = track.frames[known] / rate, track.position[known]
-    velocities = np.zeros_like(positions)
-    if len(positions) > 1:
-        steps = np.diff(positions, axis=0) / np.diff(times)[:, None]
-        velocities = np.concatenate([steps[:1], steps])
+    velocities = backward_differences(times, positions)
     found = np.full((len(frames), 2), np.nan)
     for k, frame in enumerate(frames):
         row = int(np.searchsorted(track.frames, frame))

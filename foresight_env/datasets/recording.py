@@ -6,16 +6,24 @@ frame is its number divided by the recording's rate.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
+from foresight_env.datasets._columns import chosen_columns, tracks_of
 from foresight_env.datasets._resampling import resample_rows
 from foresight_env.datasets.track import Track, Window
 
 __all__ = ["Recording"]
+
+
+def check_rate(rate: float) -> None:
+    """Raise ValueError unless the rate is positive and finite."""
+    if not (math.isfinite(rate) and rate > 0):
+        raise ValueError(f"rate must be positive and finite, not {rate}")
 
 
 @dataclass(frozen=True)
@@ -24,7 +32,7 @@ class Recording:
 
     Attributes:
         name: name of the recording within its data set, e.g. ``'07'``, ``'intersection_15'``.
-        source: ``'ind'``, ``'dut'`` or ``'ucy'``: the format it was read from.
+        source: ``'ind'``, ``'dut'``, ``'ucy'`` or ``'table'``: the format it was read from.
         rate: Hz, frame numbers per second. A recording may have rows for every n-th frame number
             only (UCY: 25 Hz, every tenth, thus a row per 0.4 s): see `frame_step`.
         tracks: the agents' tracks, with unique ids.
@@ -41,13 +49,58 @@ class Recording:
 
     def __post_init__(self) -> None:
         """Check the rate and index the tracks by id."""
-        if not (math.isfinite(self.rate) and self.rate > 0):
-            raise ValueError(f"rate must be positive and finite, not {self.rate}")
+        check_rate(self.rate)
         object.__setattr__(self, "tracks", tuple(self.tracks))
         index = {track.agent_id: number for number, track in enumerate(self.tracks)}
         if len(index) != len(self.tracks):
             raise ValueError(f"recording {self.name!r} has two tracks with the same agent id")
         object.__setattr__(self, "_index", index)
+
+    @classmethod
+    def from_dataframe(
+        cls,
+        df: Any,
+        *,
+        rate: float,
+        columns: Mapping[str, Any] | None = None,
+        name: str = "table",
+    ) -> "Recording":
+        """Return the recording in a table that has one row per agent and instant, in any order.
+
+        Args:
+            df: a pandas or polars `DataFrame`, or a mapping of names to columns (arrays, lists).
+            rate: Hz, at which the rows were recorded: frames per second. Rows may be missing.
+            columns: the library's name -> the table's, for columns that are named differently:
+
+                - ``time`` (s) or ``frame`` (whole numbers): one of the two. A time belongs to the
+                  frame nearest to it and may differ from it by a tenth of ``1 / rate``.
+                - ``agent``: names or whole numbers.
+                - ``x``, ``y``: m.
+                - ``kind``, optional: ``'pedestrian'`` (default), ``'bicycle'``, ``'car'`` or
+                  another kind of vehicle; one per agent.
+                - ``heading``, optional: rad, anticlockwise from the x axis; may be missing.
+
+                A column that is left out has the library's name.
+            name: name of the recording.
+
+        Returns:
+            A recording with source ``'table'``, agents in the order in which they first appear.
+            Velocities are those from the row before to each row.
+
+        Raises:
+            ValueError: a column is missing, or a value in it cannot be used; the message names
+                the column and the row.
+
+        Examples:
+            >>> table = {"t": [0.0, 0.1], "id": [7, 7], "x": [0.0, 0.1], "y": [0.0, 0.0]}
+            >>> columns = {"time": "t", "agent": "id"}
+            >>> Recording.from_dataframe(table, columns=columns, rate=10).agents
+            ('7',)
+        """
+        check_rate(rate)
+        chosen = chosen_columns([*getattr(df, "columns", df)], columns)
+        table = {user: df[user] for user in chosen.values()}
+        return cls(name, "table", rate, tracks_of(table, chosen, rate))
 
     @property
     def agents(self) -> tuple[str, ...]:
@@ -56,15 +109,13 @@ class Recording:
 
     @cached_property
     def frame_step(self) -> int:
-        """Greatest common divisor of all differences of frame numbers: 1 in inD and DUT, 10 in UCY.
+        """Spacing of the rows in frame numbers: 1 in inD and DUT, 10 in UCY.
 
-        It is the spacing of the rows; 1 where the recording has fewer than two different frames.
+        It is the greatest common divisor of the differences within tracks: those that do not
+        overlap may count from different frames (ETH). 1 where no track has two rows.
         """
-        if not self.tracks:
-            return 1
-        starts = np.array([track.frames[0] for track in self.tracks])
-        steps = [np.diff(track.frames) for track in self.tracks] + [starts - starts[0]]
-        return int(np.gcd.reduce(np.concatenate(steps))) or 1
+        steps = [np.diff(track.frames) for track in self.tracks]
+        return int(np.gcd.reduce(np.concatenate(steps))) or 1 if steps else 1
 
     @cached_property
     def frame_range(self) -> tuple[int, int]:
@@ -77,7 +128,17 @@ class Recording:
         )
 
     def track(self, agent: str) -> Track:
-        """Return one agent's track; raises ValueError for an unknown id."""
+        """Return one agent's track.
+
+        Args:
+            agent: its id.
+
+        Returns:
+            The track.
+
+        Raises:
+            ValueError: the id is unknown.
+        """
         if agent not in self._index:
             known = ", ".join(self.agents[:8]) + (", ..." if len(self.agents) > 8 else "")
             raise ValueError(f"recording {self.name!r} has no agent {agent!r}; it has {known}")
@@ -98,7 +159,8 @@ class Recording:
             every: keep frame numbers at this distance, counted from the first frame number (of
                 `frames`, else of the recording). It counts frame numbers, not rows.
 
-        Agents without any row left are dropped.
+        Returns:
+            The recording; agents without any row left are dropped.
 
         Raises:
             ValueError: an unknown agent, ``every < 1``, or ``first > last``.
@@ -120,10 +182,14 @@ class Recording:
         return replace(self, tracks=tuple(kept))
 
     def rotate(self, angle: float) -> "Recording":
-        """Return the recording turned anticlockwise about the origin by `angle` (rad).
+        """Return the recording turned anticlockwise about the origin.
 
-        Positions and velocities are turned; the angle is added to headings, which come out in
-        [0, 2*pi) (see `Window.unwrapped_headings` for headings without jumps).
+        Args:
+            angle: rad.
+
+        Returns:
+            The recording with positions and velocities turned, and the angle added to headings,
+            which lie in [0, 2*pi) (see `Window.unwrapped_headings` for headings without jumps).
 
         Raises:
             ValueError: the angle is not finite.
@@ -162,6 +228,9 @@ class Recording:
             first_frame: frame number of the first row of the window.
             steps: number K >= 1 of frames.
             every: distance in frame numbers; None means `frame_step`, i.e. every recorded row.
+
+        Returns:
+            A window of A agents and K frames.
 
         Raises:
             ValueError: unknown or repeated agents, ``steps < 1``, ``every < 1``.
@@ -208,6 +277,9 @@ class Recording:
             dt: s, positive.
             maximal_gap: s; None means one row spacing (``frame_step / rate``), so that no missing
                 row is bridged.
+
+        Returns:
+            The recording at the rate ``1 / dt``.
 
         Raises:
             ValueError: `dt` is not positive and finite, or `maximal_gap` is negative.

@@ -22,6 +22,24 @@ def _read_only(values: Any, dtype: type) -> np.ndarray:
     return array
 
 
+def backward_differences(
+    times: Float[np.ndarray, " F"], positions: Float[np.ndarray, "F 2"]
+) -> Float[np.ndarray, "F 2"]:
+    """Return velocities (m/s) from the row before to each row, which no later row enters.
+
+    Args:
+        times: (F,) s, strictly increasing.
+        positions: (F, 2) m.
+
+    Returns:
+        (F, 2) m/s; of the first row that of the second, or 0 where there is no second.
+    """
+    if len(positions) < 2:
+        return np.zeros_like(positions)
+    steps = np.diff(positions, axis=0) / np.diff(times)[:, None]
+    return np.concatenate([steps[:1], steps])
+
+
 @dataclass(frozen=True, eq=False)
 class Track:
     """One agent's recorded trajectory: one row per frame in which the agent was observed.
@@ -92,7 +110,14 @@ class Track:
     __hash__ = None  # type: ignore[assignment]  # holds arrays, so equality cannot be hashed
 
     def restricted(self, rows: np.ndarray) -> "Track":
-        """Return the track with fewer rows; `rows` is a mask or an index array."""
+        """Return the track with fewer rows.
+
+        Args:
+            rows: a mask (F,) or an index array.
+
+        Returns:
+            The track of these rows.
+        """
         return replace(
             self,
             frames=self.frames[rows],
@@ -134,7 +159,10 @@ class Window:
         """Return the headings without jumps of 2*pi between the frames of each agent.
 
         Files state headings in one turn, so a car that passes the branch jumps by 2*pi; a model
-        that compares headings must not see that. NaN stays NaN.
+        that compares headings must not see that.
+
+        Returns:
+            (K, A) rad; NaN stays NaN.
         """
         result = self.headings.copy()
         for column in result.T:

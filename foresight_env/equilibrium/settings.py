@@ -229,6 +229,9 @@ class Budget:
 
     One setting for `solve`, `estimate`, `MovingHorizonEstimator` and the egos. Presets:
     `Budget.offline()`, `Budget.online()`, `Budget.realtime()` and `Budget.trial()`.
+
+    Raises:
+        ValueError: a limit is below 1 (Gauss-Newton steps: below 0); the message names it.
     """
 
     phases: int | None = None
@@ -256,32 +259,45 @@ class Budget:
 
     @classmethod
     def offline(cls) -> Budget:
-        """Limits of the solver and the method alone: the default of `solve` and `estimate`."""
+        """Return no further limits than the solver's and the method's.
+
+        Returns:
+            The default of `solve` and `estimate`.
+        """
         return cls()
 
     @classmethod
     def online(cls) -> Budget:
-        """An estimator's default: fits continue from the last one by three steps.
+        """Return the limits of a moving-horizon estimator: three Gauss-Newton steps per fit.
 
-        They need not converge, since the next update continues them (Diehl, Bock and Schloder, "A
+        Fits need not converge, since the next update continues them (Diehl, Bock and Schloder, "A
         real-time iteration scheme for nonlinear optimization in optimal feedback control", SIAM J.
         Control Optim. 43, 2005).
+
+        Returns:
+            The default of `MovingHorizonEstimator`.
         """
         return cls(gauss_newton_steps=3)
 
     @classmethod
     def realtime(cls) -> Budget:
-        """One game of one phase per update.
+        """Return the limits of one game of one phase per update.
 
-        40 Newton steps: with fewer, more updates among cars fail (`benchmarks.driving`).
+        With fewer than 40 Newton steps more updates among cars fail (`benchmarks.driving`).
+
+        Returns:
+            Limits for estimators and egos with little time.
         """
         return cls(phases=1, newton_steps=40, trial_newton_steps=40, gauss_newton_steps=0, fits=1)
 
     @classmethod
     def trial(cls) -> Budget:
-        """One short phase: for solves whose result is useless when it comes late.
+        """Return the limits of one short phase, for solves whose result is useless when late.
 
         `benchmarks.sensitivity` has the share of games that 25 Newton steps solve.
+
+        Returns:
+            Limits of one solve.
         """
         return cls(phases=1, newton_steps=25)
 

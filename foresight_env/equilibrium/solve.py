@@ -227,7 +227,17 @@ def _solve_traced(
 
 @no_type_check
 def shift(solution: Solution) -> Solution:
-    """The solution one stage later, its last stage repeated: a warm start for the next step."""
+    """Return the solution one stage later, its last stage repeated: a warm start.
+
+    Args:
+        solution: of one game.
+
+    Returns:
+        A solution of the same shapes, for `solve(..., initial_guess=...)` in the next step.
+
+    Raises:
+        ValueError: it is no `Solution`, or holds several games.
+    """
     check_kinds(solution=(solution, Solution))
     if solution.point.x.ndim != 2:
         raise ValueError(

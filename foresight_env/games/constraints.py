@@ -46,7 +46,19 @@ class Bounds:
 
     @staticmethod
     def box(lower: Limit, upper: Limit, size: int) -> Bounds:
-        """Bounds from numbers, vectors (size,) or, for time-varying ones, arrays (T, size)."""
+        """Return bounds of every entry.
+
+        Args:
+            lower, upper: a number, (size,), or (T, size) where they vary with the stage; infinity
+                leaves an entry free.
+            size: number of entries of the state or control.
+
+        Returns:
+            The bounds.
+
+        Raises:
+            ValueError: a limit has the wrong shape or is NaN, or `lower` is not below `upper`.
+        """
         rows = []
         for name, value in (("lower", lower), ("upper", upper)):
             array = np.asarray(value, dtype=float)

@@ -68,21 +68,30 @@ def check_parts(where: str, parts: Sequence[object], kind: type) -> None:
 @no_type_check
 @dataclass(frozen=True)
 class Player:
-    """One player of a game.
+    """One player of a game: motion, costs and limits.
 
-    `costs` are discounted by `discounting`; `undiscounted_costs` count fully at every stage (the
-    reference implementation's proximity is one). Bounds on states hold from `x_2` on.
+    Raises:
+        ValueError: a field has the wrong type or cannot be hashed; the message names it.
     """
 
     dynamics: Dynamics
+    """Motion of one step, from state (n_i,) and control (m_i,) to the next state; SI units."""
     costs: tuple[CostFunction, ...]
+    """Stage costs `cost(i, t, x, u, theta)`, discounted; `x` is what the controls `u` lead to."""
     undiscounted_costs: tuple[CostFunction, ...] = ()
+    """Stage costs that count fully at every stage (the reference implementation's proximity)."""
     discounting: Discounting = Exponential()
+    """Weights of the stages as a function of the discount factor."""
     state_bounds: Bounds | None = None
+    """Bounds on the states from `x_2` on."""
     control_bounds: Bounds | None = None
+    """Bounds on all controls."""
     inequalities: tuple[Inequality, ...] = ()
+    """Constraints `g >= 0` of this player alone, hard or with a penalty."""
     equalities: tuple[Equality, ...] = ()
+    """Constraints `h = 0` of this player alone."""
     name: str = ""
+    """For messages and tables."""
     extra_theta: tuple[str, ...] = ()
     """Entries that `theta` may have although no cost or constraint reads them, such as a goal that
     only an environment asks for. Any other entry that is not read is refused as a misspelt one."""
@@ -108,15 +117,23 @@ class Player:
 @no_type_check
 @dataclass(frozen=True)
 class Game:
-    """`players` over `horizon` stages of `dt` seconds, with constraints that bind several.
+    """Dynamic game: players, a horizon, and constraints that bind several players.
 
-    `dt` = 0 takes it from the players' dynamics (0.1 s where none of them says).
+    Games are compared and hashed by value; equal games share one compiled solver.
+
+    Raises:
+        ValueError: a field has the wrong type, bounds have the wrong shape, or a player's dynamics
+            have another time step; the message names it.
     """
 
     players: tuple[Player, ...]
+    """N >= 1 players; their order is that of states, parameters and discount factors."""
     horizon: int
+    """Number T >= 1 of stages; trajectories have T + 1 states."""
     shared: tuple[SharedInequality, ...] = ()
+    """Constraints that bind several players."""
     dt: float = 0.0
+    """Duration of a stage, s; 0 takes that of the dynamics, or 0.1 where none states it."""
 
     def __post_init__(self) -> None:
         as_tuples(self, "players", "shared")
@@ -172,7 +189,15 @@ class Game:
 def inside_bounds(
     game: Game, states: Sequence[Float[np.ndarray, "_"]]
 ) -> tuple[Float[np.ndarray, "_"], ...]:
-    """Per-player states (n_i,), clipped into their bounds: estimates may lie just outside."""
+    """Return states clipped into the players' bounds: estimates may lie just outside.
+
+    Args:
+        game: with the bounds of the first stage.
+        states: per-player states (n_i,).
+
+    Returns:
+        Per-player states (n_i,).
+    """
     out = []
     for player, state in zip(game.players, states, strict=True):
         box = player.state_bounds

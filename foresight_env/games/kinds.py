@@ -42,11 +42,19 @@ MISNAMED = {
 """Other words for kinds that would be taken for vehicles."""
 
 
+def meant_kind(name: str) -> str | None:
+    """Return the kind that another word or spelling stands for; None where `name` is no such word.
+
+    Kinds that are not listed are vehicles, so "Pedestrian" and "ped" would be.
+    """
+    lower = name.lower()
+    return MISNAMED.get(lower, lower if lower != name and lower in KINDS else None)
+
+
 def check_kinds_of_agents(names: Sequence[str]) -> None:
     """Raise `ValueError` where a name is another word or spelling for a kind that is no vehicle."""
     for i, name in enumerate(names):
-        lower = name.lower()
-        meant = MISNAMED.get(lower, lower if lower != name and lower in KINDS else None)
+        meant = meant_kind(name)
         if meant is not None:
             raise ValueError(
                 f'kinds[{i}]: is {name!r}; expected "{meant}", or "pedestrian", "bicycle" or the '

@@ -45,10 +45,24 @@ def _leading(counts: tuple[int, ...]) -> ObservationModel:
 
 
 def full_state(state_sizes: tuple[int, ...]) -> ObservationModel:
-    """`h(x) = x`: every player's whole state."""
+    """Return the observation model `h(x) = x`: every player's whole state.
+
+    Args:
+        state_sizes: of the players (`Game.state_sizes`).
+
+    Returns:
+        The model; its observations have shape (n,), the players' states one after the other.
+    """
     return _leading(tuple(state_sizes))
 
 
 def positions(state_sizes: tuple[int, ...]) -> ObservationModel:
-    """`h(x) = (p^1, ..., p^N)`: every player's position, the first two entries of its state."""
+    """Return the observation model `h(x) = (p^1, ..., p^N)`: every player's position.
+
+    Args:
+        state_sizes: of the players (`Game.state_sizes`); a state begins with the position.
+
+    Returns:
+        The model; its observations have shape (2 N,), m.
+    """
     return _leading((2,) * len(state_sizes))

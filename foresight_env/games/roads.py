@@ -40,7 +40,17 @@ class Circle:
 
     @staticmethod
     def through(a: Point, b: Point, c: Point) -> Circle:
-        """The circle through three points (m); `ValueError` on one line or where not finite."""
+        """Return the circle through three points.
+
+        Args:
+            a, b, c: (2,) m.
+
+        Returns:
+            The circle.
+
+        Raises:
+            ValueError: the points lie on one line or are not finite.
+        """
         points = np.array([a, b, c], dtype=float)
         # ||p - m||^2 = r^2 for all three, differences of pairs: linear in m.
         matrix = 2.0 * (points[1:] - points[0])
@@ -153,10 +163,18 @@ class Lane:
 
     @staticmethod
     def fit(points: Float[np.ndarray, "K 2"], degree: int = 4) -> Lane:
-        """Least squares through points of the centre line, in the frame of its first and last.
+        """Return the lane that fits points of a centre line by least squares.
 
-        Points are in driving order. `ValueError` for fewer than two points, a negative degree, and
-        a line that turns back against its chord: it is no function in that frame.
+        Args:
+            points: (K, 2) m, K >= 2, in driving order.
+            degree: of the polynomial, in the frame of the first and the last point.
+
+        Returns:
+            The lane.
+
+        Raises:
+            ValueError: fewer than two points, a negative degree, or a line that turns back against
+                its chord, which is no function in that frame.
         """
         if degree < 0:
             raise ValueError(f"degree: is {degree}; expected 0 or more")

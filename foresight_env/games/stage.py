@@ -12,9 +12,18 @@ from foresight_env.games.types import Controls, Scalar, StageNumber, States, The
 def stage_cost(
     game: Game, i: int, t: StageNumber, x: States, u: Controls, theta: Theta
 ) -> tuple[Scalar, Scalar]:
-    """Player i's costs at stage t for controls `u` and the states `x` that they lead to.
+    """Return player i's costs at stage t.
 
-    Returns the sum of the costs that its discounting applies to, and of those that it does not.
+    Args:
+        game: the game.
+        i: the player.
+        t: the stage, from 1.
+        x: per-player states that the controls lead to.
+        u: per-player controls.
+        theta: the player's parameters.
+
+    Returns:
+        The sum of the costs that its discounting applies to, and of those that it does not.
     """
     player = game.players[i]
     discounted = jnp.zeros(())

@@ -80,13 +80,28 @@ def cramer_rao(
     count: int | None = None,
     options: SolverOptions = SolverOptions(),
 ) -> CramerRao:
-    """Cramer-Rao bound from the exact Jacobian of the equilibrium at the true parameters.
+    """Return the Cramer-Rao bound, from the exact Jacobian of the equilibrium.
 
-    `count` observations `h(x_1), ..., h(x_count)` (default: all T + 1) with independent noise of
-    variance 1 on every entry. Directions that the observations do not touch do not count in
-    `trajectory` unless the trajectory itself depends on them; it is then infinite.
+    Noise is independent and of variance 1 on every entry: multiply by the variance of yours.
+    Directions that the observations do not touch do not count in `trajectory` unless the trajectory
+    itself depends on them; it is then infinite.
 
-    Raises `ValueError` for wrong arguments and `SolveError` when the game is not solved.
+    Args:
+        game: the game that is played.
+        model: the observation model `h`.
+        initial_state: per-player `x_1`, true.
+        theta: per-player parameters, true.
+        gamma: discount factors, true.
+        free: parameters that an estimator would not know, for all players or per player.
+        count: number of observations `h(x_1), ..., h(x_count)`; None: all T + 1.
+        options: settings of the forward solver.
+
+    Returns:
+        A `CramerRao` with the covariance (p, p) of the free parameters and their names.
+
+    Raises:
+        ValueError: an argument is wrong, or nothing is free.
+        SolveError: the game is not solved.
     """
     layout = layout_of(game)
     parameters = check_parameters(game, initial_state, theta, gamma, "initial_state")

@@ -20,12 +20,18 @@ from foresight_env.precision import is_traced
 
 @dataclass(frozen=True)
 class Free:
-    """Parameters of one player that are estimated; all others stay as given."""
+    """Parameters of one player that are estimated; all others stay as given.
+
+    Raises:
+        ValueError: `theta` is no tuple, a range is empty or names an entry that is not estimated.
+    """
 
     theta: tuple[str, ...] = ("goal",)
     """Entries of the player's `theta`."""
     gamma: bool = True
+    """Whether its discount factor is."""
     initial_state: bool = False
+    """Whether its state at the first observation is."""
     gamma_range: tuple[float, float] = (0.0, 1.0)
     """Limits of the estimated discount factor. The paper projects onto [0, infinity): give `(0,
     1.2)` where agents may weigh later costs more than present ones."""

@@ -19,13 +19,23 @@ class NeverSeenError(ValueError):
 def guess_initial_state(
     game: Game, model: ObservationModel, observations: Float[np.ndarray, "K size"]
 ) -> tuple[Float[np.ndarray, "_"], ...]:
-    """Per-player `x_1` from observations whose entries are the leading ones of each player's state.
+    """Return a guess of every player's `x_1`, to start an estimate from.
 
     Entries that are not observed come from the positions: velocities (double integrator) or speed
-    and heading (vehicle) by the mean displacement over the first half of the window. Missing
-    observations are NaN; an unobserved agent raises `NeverSeenError`, one observed late is moved
-    back along its velocity, a vehicle whose heading is observed along its circle. Guesses lie
-    inside the state bounds.
+    and heading (vehicle) by the mean displacement over the first half of the window. An agent
+    observed late is moved back along its velocity, a vehicle whose heading is observed along its
+    circle.
+
+    Args:
+        game: the game that is played.
+        model: the observation model; observed are the leading entries of each player's state.
+        observations: (K, size); NaN where missing.
+
+    Returns:
+        Per-player states (n_i,), inside the state bounds.
+
+    Raises:
+        NeverSeenError: an agent has no observation.
     """
     owners = np.array([-1 if o is None else o for o in model.owners])
     states = []

@@ -108,18 +108,27 @@ class MovingHorizonState(NamedTuple):
 class MovingHorizonEstimator:
     """Moving-horizon estimator of game parameters; its state travels in `MovingHorizonState`.
 
-    `game` has the horizon `window - 1` plus the stages to be predicted. `free` must free the
-    initial states.
+    Each update fits the game to the last `window` observations; earlier ones enter through an
+    arrival cost.
+
+    Raises:
+        ValueError: a field has the wrong type; the message names it.
     """
 
     game: Game
+    """Its horizon is `window - 1` plus the stages to be predicted."""
     model: ObservationModel
+    """Observation model of the joint state."""
     free: Free | Sequence[Free]
+    """Parameters to estimate, for all players or per player; initial states must be free."""
     covariance: float
     """Variance of the noise of the newest observation."""
     window: int = 10
+    """Observations that an update fits."""
     prior: Prior = Prior()
+    """Of the parameters, before the first observation."""
     process_noise: ProcessNoise = ProcessNoise()
+    """How fast parameters may change between observations."""
     forgetting_factor: float = 1.0
     """Growth of the noise deviation of an observation per step into the past. Above 1 where agents
     change their plans, so that old observations say less about them."""
@@ -150,7 +159,19 @@ class MovingHorizonEstimator:
         )
 
     def init(self, theta: Sequence[Theta], gamma: Any) -> MovingHorizonState:
-        """Return the first state; `theta` and `gamma` are fixed values or first guesses."""
+        """Return the state before any observation.
+
+        Args:
+            theta: one mapping of cost parameters per player: fixed, or where fits begin.
+            gamma: discount factors (N,) or one number: fixed, or where fits begin.
+
+        Returns:
+            The state for the first `update`.
+
+        Raises:
+            ValueError: an initial state is not free, the horizon is shorter than the window, or a
+                discount factor is outside the range in which it is estimated.
+        """
         count = len(self.game.players)
         each = (self.free,) * count if isinstance(self.free, Free) else self.free
         if len(each) != count:
@@ -175,7 +196,19 @@ class MovingHorizonEstimator:
     def update(
         self, state: MovingHorizonState, observation: Float[np.ndarray, "size"]
     ) -> MovingHorizonState:
-        """Return the state after one observation (NaN where missing)."""
+        """Return the state after one observation.
+
+        Args:
+            state: of the last update, or of `init`.
+            observation: (size,) of the observation model; NaN where missing.
+
+        Returns:
+            The state with a new estimate; where no fit succeeds, with the last one and one more
+            of `failures`.
+
+        Raises:
+            ValueError: the observation has the wrong shape or is infinite.
+        """
         if np.shape(observation) != (self.model.size,):
             raise ValueError(
                 f"observation: has shape {np.shape(observation)}; expected ({self.model.size},), "

@@ -187,7 +187,8 @@ def intersection_game(
                 control_bounds=_control_bounds(walks),
                 inequalities=_region_constraints(walks, allowed, penalty),
                 name=kind,
-                extra_theta=() if walks else ("lane_weight",),  # of cars without a lane
+                # Of cars without a lane, and of people whose weights a car takes for its own.
+                extra_theta=("lane_weight",),
             )
         )
     return Game(tuple(players), horizon, (), dt)

@@ -4,6 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from foresight_env.equilibrium.checks.validation import check_parameters
 from foresight_env.games import OutsideCircles, RoadBoundary
 from foresight_env.games.footprints import Footprint, Motion, least_gap
 from foresight_env.games.kinds import CAR, body_radius
@@ -41,6 +42,13 @@ def test_one_to_four_of_each(pedestrians, cars, named):
     for make in (junction_kinds, junction_game):
         with pytest.raises(ValueError, match=named):
             make(pedestrians, cars)
+
+
+def test_a_car_may_take_its_weights_for_those_of_people():
+    game = junction_game(1, 1, 5)
+    drawn = draw_junction(np.random.default_rng(0), 1, 1)
+    theta = [drawn.theta[1], drawn.theta[1]]
+    check_parameters(game, drawn.initial_state, theta, drawn.gamma, "initial_state")
 
 
 def shape(kind):

@@ -19,13 +19,16 @@ from foresight_env.names import Observation
 
 
 def scene_of(env: Any) -> Scene:
-    """The present episode's `Scene` of an environment in any wrappers.
+    """Return the present episode's `Scene` of an environment in any wrappers.
 
     The typed form of `env.unwrapped.scene`, whose `scene` type checkers do not know: Gymnasium's
     `make` and PettingZoo's wrappers return environments in general.
 
     Args:
         env: an environment of this library, such as `gymnasium.make("foresight/Crosswalk-v0")`.
+
+    Returns:
+        The scene since the last `reset`.
 
     Raises:
         ValueError: it is no environment of this library with a scene.

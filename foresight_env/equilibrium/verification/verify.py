@@ -221,9 +221,24 @@ def verify(
     options: SolverOptions = SolverOptions(),
     settings: VerificationSettings = VerificationSettings(),
 ) -> Verification:
-    """Check that `solution` is a local equilibrium of `game` with these parameters.
+    """Check that a solution is a local equilibrium: no player gains by deviating alone.
 
-    Raises `ValueError` on arguments of another type and on shapes that do not fit the game.
+    Second-order conditions, and a best response of every player against the others' solution, from
+    the solution itself and from a cold start. The first call of a game compiles.
+
+    Args:
+        game: the game that was solved.
+        solution: of `solve`, for one game.
+        theta: one mapping of cost parameters per player, as given to `solve`.
+        gamma: discount factors (N,) or one number, as given to `solve`.
+        options: settings of the forward solver.
+        settings: settings of the best-response search.
+
+    Returns:
+        A `Verification` with the verdict and, per player, gains by deviating and curvature.
+
+    Raises:
+        ValueError: an argument has another type, or a shape that does not fit the game.
     """
     check_kinds(
         game=(game, Game),

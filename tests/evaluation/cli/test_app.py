@@ -16,6 +16,7 @@ from evaluation.rollout.places import DEVELOPMENT_SEEDS, SETTINGS
 from evaluation.samples.recording import write_sample
 from foresight_env import __version__
 from foresight_env.envs.rendering.style import COLOURS
+from tests.support.made_walkers import write_walkers
 
 COMMANDS = (
     "run",
@@ -180,6 +181,41 @@ def test_a_file_of_something_else(tmp_path):
     junk.write_text("once upon a time\n")
     refused(call("estimate", junk, "--out", tmp_path / "out"), "junk.csv", "not recognised")
     assert list(tmp_path.iterdir()) == [junk]
+
+
+def test_a_table_of_your_own(tmp_path):
+    out, file = tmp_path / "out", write_walkers(tmp_path / "walkers.csv")
+    table = ("estimate", file, "--columns", "time,person,x,y", "--rate", 10, "--out", out)
+    told = call(*table, "--whole", "--collision-weight", 5)
+    assert told.exit_code == 0, told.output
+    assert re.search(r"ann +│ +0\.8\d │ +0\.8\d to 0\.9\d", told.stdout)
+    with Image.open(out / "walkers_bob_ann_whole.png") as picture:
+        assert picture.width > 100
+    named = ("--columns", "agent=person", "--rate", 10)
+    told = call("estimate", file, *named, "--no-pictures", "--out", out)
+    assert told.exit_code == 0, told.output
+    assert "constant-velocity" in told.stdout
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        (("--columns", "time,person,x"), "--columns: is 'time,person,x'; expected the file's"),
+        (("--columns", "time,person,x,y,time=t"), "--columns: names time twice"),
+        (("--columns", "time,who,x,y", "--rate", 10), "walkers.csv:1: columns: agent is 'who'"),
+        (("--columns", "time,person,x,y"), "rate: is missing"),
+        (("--columns", "time,person,x,y", "--rate", 7), "walkers.csv:3: time is 0.1; expected"),
+        (("--rate", 10), "not recognised"),
+        (("--collision-weight", 5), "--collision-weight: needs --whole"),
+    ],
+)
+def test_a_table_that_cannot_be_read(tmp_path, options, told):
+    file = tmp_path / "walkers.csv"
+    file.write_text("time,person,x,y\n0.0,ann,0,0\n0.1,ann,0.1,0\n")
+    refused(call("estimate", file, *options, "--out", tmp_path / "out"), told)
+    refused(call("demo", "--rate", 10), "--columns, --rate: need --data")
+    refused(call("evaluate", "intersection", "--rate", 10), "--rate: need --data")
+    assert list(tmp_path.iterdir()) == [file]
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from evaluation.metrics.trajectory import displacement
 from evaluation.samples.recording import made_recording, true_gammas, write_sample
 from evaluation.windows.encounters import PREDICTORS, EncounterError, encounters, forecast
 from evaluation.windows.interaction import Grid
-from foresight_env.datasets import RecordingError, open_recording
+from foresight_env.datasets import open_recording
 
 
 @pytest.fixture(scope="module")
@@ -19,7 +19,7 @@ def sample(tmp_path_factory):
 
 @lru_cache
 def cuts(path):
-    return encounters(path, count=None)
+    return encounters(open_recording(path), count=None)
 
 
 def test_the_sample_is_a_recording(sample):
@@ -34,7 +34,7 @@ def test_the_sample_is_a_recording(sample):
 def test_every_pair_of_the_sample_is_an_encounter(sample):
     pairs = {frozenset(e.window.agents) for e in cuts(sample)}
     assert pairs == {frozenset({"ped:0", "ped:1"}), frozenset({"veh:0", "ped:2"})}
-    assert len(encounters(sample, count=1)) == 1
+    assert len(encounters(open_recording(sample), count=1)) == 1
     grid = Grid.of(open_recording(sample))
     for e in cuts(sample):
         window = e.window
@@ -67,21 +67,15 @@ def test_forecasts(sample, predictor, number):
         assert (gamma == 1.0).all() == (predictor == "encounter-game-gamma-1")
 
 
-def test_wrong_requests(sample, tmp_path):
+def test_wrong_requests(sample):
     for ids, told in (
         (("ped:0",), "ids: 1 given; an encounter has two agents"),
         (("ped:0", "ped:9"), "has no agent 'ped:9'; it has ped:0, ped:1"),
         (("ped:0", "ped:2"), "ids: "),  # they never cross
     ):
         with pytest.raises(EncounterError, match=told):
-            encounters(sample, agents=ids)
+            encounters(open_recording(sample), agents=ids)
     with pytest.raises(
-        ValueError, match="predictor: 'magic' is unknown; choose from encounter-game"
+        ValueError, match=r"predictor: 'magic' is unknown; choose from .*encounter-game"
     ):
         forecast(cuts(sample)[0], "magic")
-    with pytest.raises(RecordingError, match="there is no such file"):
-        encounters(tmp_path / "nothing.txt")
-    junk = tmp_path / "junk.txt"
-    junk.write_text("once upon a time\n")
-    with pytest.raises(RecordingError, match="not recognised"):
-        encounters(junk)
