@@ -33,8 +33,9 @@ TOLERANCE = 1e-3
 """Largest gradient of an equilibrium: of squared metres by coefficients in metres."""
 REGULARISATION = 1e-4
 """Added to the diagonal of Newton's matrix."""
-NO_LENGTH = 1e-6
-"""Distances are at least this, m, so that they have a derivative."""
+NO_LENGTH = 1e-2
+"""Distances are at least this, in units of the ellipse, so that they have derivatives: recordings
+have agents twice, on top of each other."""
 
 
 class Frames(NamedTuple):
