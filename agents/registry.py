@@ -53,7 +53,7 @@ FORECASTERS = ("social-lstm", "transformer")
 HYBRID = "hybrid-game"
 """The network whose proposals a game makes equilibria."""
 HYBRIDS = {HYBRID: "infer-gamma", f"{HYBRID}-gamma-1": "assume-gamma-1", "hybrid-network": "none"}
-"""What is made of that network's proposals, by predictors' names; all use its weights."""
+"""Game between that network's proposals, by predictors' names; all use its weights."""
 PREDICTORS: dict[str, Callable[..., Predictor]] = {
     **{
         name: _entry("hybrid.predictor", "HybridPredictor", game=game)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, PRNGKeyArray
@@ -30,7 +32,7 @@ def augmented(example: Example, key: PRNGKeyArray) -> Example:
     begin = jnp.where(short, jax.random.randint(starts, (), 1, KNOWN - LEAST_KNOWN + 1), 0)
     scene = example.scene
     across = jnp.stack([size, size * mirror])
-    past = scene.seen.past * jnp.concatenate([across, across, jnp.ones(1)])
+    past: Any = scene.seen.past * jnp.concatenate([across, across, jnp.ones(1)])
     past = jnp.where((jnp.arange(KNOWN) < begin)[None, :, None], 0.0, past)
     seen = scene.seen._replace(
         past=past,

@@ -25,7 +25,7 @@ GROWTH = (1.0, 1.7)
 
 @dataclass(frozen=True)
 class GameUse:
-    """What is made of a network's proposals; the ablations of `benchmarks.hybrid`."""
+    """Use of a network's proposals: with or without a game, inference and the window."""
 
     game: bool = True
     """Whether proposals become equilibria; else they are the forecast."""

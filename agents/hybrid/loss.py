@@ -17,13 +17,13 @@ from agents.hybrid.strategies import GAME_BASIS, STEPS
 OTHERS_SHARE = 0.05
 """Share of all futures in the loss of the best, so that none is left without a gradient."""
 FINAL_WEIGHT = 0.5
-"""Of the displacement at the last step beside the mean one."""
+"""Of the displacement at the last step, relative to the mean one."""
 LIKELIHOOD_WEIGHT = 0.2
 CHOICE_WEIGHT = 0.1
 CHOICE_LENGTH = 0.2
 """m; futures that are worse than the best by more are not to be chosen."""
 VEHICLE_WEIGHT = 3.0
-"""Of a vehicle beside a person: recordings have few."""
+"""Of a vehicle relative to a person: recordings have few vehicles."""
 
 
 class Example(NamedTuple):

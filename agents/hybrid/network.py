@@ -159,7 +159,7 @@ def traits_of(numbers: Float[Array, "*batch 4"], infer: bool = True) -> Traits:
 def ranked(proposals: Proposals, there: Bool[Array, "A"]) -> tuple[Proposals, Float[Array, "M"]]:
     """Return proposals in which future m joins every agent's m-th most likely one.
 
-    And the joint futures' logarithmic probabilities: means over agents of their own.
+    And the joint futures' logarithmic probabilities: means over agents of those that they have.
     """
     order = jnp.argsort(-proposals.logits, axis=0)
 

@@ -1,4 +1,4 @@
-"""`hybrid-game` as a predictor, and what its most likely future rests on."""
+"""`hybrid-game` as a predictor, and the parameters behind its most likely future."""
 
 from __future__ import annotations
 
@@ -40,16 +40,16 @@ USES: dict[str, tuple[str, GameUse]] = {
 
 
 class Explanation(NamedTuple):
-    """What the most likely future rests on, for N agents."""
+    """Parameters behind the most likely future of N agents."""
 
     goals: Float[np.ndarray, "N 2"]
-    """Where each would be at the end without the others, m."""
+    """Positions at the end without the others, m."""
     gamma: Float[np.ndarray, "N"]
     """Discount factors per second."""
     gamma_interval: Float[np.ndarray, "N 2"]
     """90 % intervals."""
     interact: Bool[np.ndarray, "N N"]
-    """Who gives way to whom: i pays for coming close to j."""
+    """Agents that give way: i pays for coming close to j."""
     solved: bool
     """Whether the future is an equilibrium; else it is the network's proposal."""
     solved_share: float
@@ -123,7 +123,7 @@ class HybridPredictor:
         )
 
     def explain(self, history: History) -> Explanation:
-        """Return what the most likely future rests on."""
+        """Return the parameters behind the most likely future."""
         scene, middle, found = self._solved(history)
         count = min(len(history.kinds), AGENTS)
         goals = positions(scene.frames, found.preferred[0], GAME_BASIS)[:count, -1]

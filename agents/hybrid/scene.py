@@ -48,7 +48,7 @@ class Scene(NamedTuple):
     window: Float32[np.ndarray, "*b A known 2"]
     """Observed positions, m."""
     followed: Bool[np.ndarray, "*b A"]
-    """Who was observed at all steps of the window."""
+    """Agents that were observed at all steps of the window."""
 
 
 def scene_of(history: History, agents: int) -> tuple[Scene, Float32[np.ndarray, "2"]]:

@@ -6,7 +6,7 @@ Every agent has a preferred motion and pays for leaving it and for coming close 
                             + conflict_i sum_j depth_ij(t)^2 ),
 
 `t` in seconds, `a` the acceleration. Its strategy is a departure from straight motion, a polynomial
-of time in the axes of its own frame: `p_i(t) = place_i + t velocity_i + R_i Phi(t) z_i`, with
+of time in the axes of the agent: `p_i(t) = place_i + t velocity_i + R_i Phi(t) z_i`, with
 `Phi(0) = Phi'(0) = 0` or `Phi(0) = 0`. An equilibrium is a `z` at which no agent can lower its cost
 by another polynomial. As `Phi` is small, thousands of games are solved per second, in batches, and
 their derivatives are exact (implicit function theorem). Without conflicts the equilibrium is the
@@ -22,7 +22,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from foresight_env.games.types import Scalar
+from foresight_env.games.types import AnyArray, Scalar
 
 APPROACH = 3
 """Steps with Newton's matrix without the depths' own curvature, in which no cost is concave."""
@@ -41,22 +41,22 @@ have agents twice, on top of each other."""
 class Frames(NamedTuple):
     """Places, velocities and axes of A agents at the start of a game."""
 
-    place: Float[Array, "*b A 2"]
+    place: Float[AnyArray, "*b A 2"]
     """m."""
-    velocity: Float[Array, "*b A 2"]
+    velocity: Float[AnyArray, "*b A 2"]
     """m/s."""
-    rotation: Float[Array, "*b A 2 2"]
+    rotation: Float[AnyArray, "*b A 2 2"]
     """From the agent's own axes to the plane's."""
 
 
 class Bodies(NamedTuple):
     """Extents of agents."""
 
-    half_length: Float[Array, "*b A"]
+    half_length: Float[AnyArray, "*b A"]
     """m; the radius of those who are no vehicles."""
-    half_width: Float[Array, "*b A"]
-    vehicle: Bool[Array, "*b A"]
-    there: Bool[Array, "*b A"]
+    half_width: Float[AnyArray, "*b A"]
+    vehicle: Bool[AnyArray, "*b A"]
+    there: Bool[AnyArray, "*b A"]
     """False in empty places: they meet no one."""
 
 
@@ -86,10 +86,10 @@ class SmoothGame(NamedTuple):
 class Basis(NamedTuple):
     """Functions of time that strategies are combined of, at T steps."""
 
-    times: Float[Array, "T"]
+    times: Float[AnyArray, "T"]
     """s."""
-    value: Float[Array, "T B"]
-    acceleration: Float[Array, "T B"]
+    value: Float[AnyArray, "T B"]
+    acceleration: Float[AnyArray, "T B"]
     """Second derivative, 1/s^2."""
 
 
@@ -99,7 +99,7 @@ def positions(
     """Return positions (m) at the steps of the basis."""
     line = frames.place[:, None] + basis.times[:, None] * frames.velocity[:, None]
     away = jnp.einsum("tb,abk->atk", basis.value, strategy)
-    return line + jnp.einsum("aik,atk->ati", frames.rotation, away)
+    return jnp.asarray(line) + jnp.einsum("aik,atk->ati", frames.rotation, away)
 
 
 class _Room(NamedTuple):
@@ -277,6 +277,5 @@ def _solution_jvp(
     implied = -jnp.linalg.solve(jnp.where(solved, matrix, eye), change)
     preferred = jnp.asarray(tangents[0].preferred)
     slope = jnp.where(solved, implied.reshape(strategy.shape), preferred)
-    return SmoothEquilibrium(strategy, solved), SmoothEquilibrium(
-        slope, np.zeros(solved.shape, dtype=jax.dtypes.float0)
-    )
+    nothing: Any = np.zeros(solved.shape, dtype=jax.dtypes.float0)
+    return SmoothEquilibrium(strategy, solved), SmoothEquilibrium(slope, nothing)

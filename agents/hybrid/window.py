@@ -33,7 +33,7 @@ STRAIGHT = np.linalg.lstsq(GAME_BASIS.value, GAME_BASIS.times, rcond=None)[0].as
 
 
 class Explained(NamedTuple):
-    """What a window says of a set of traits."""
+    """Traits corrected by a window, and their evidence."""
 
     numbers: Float[Array, "A 4"]
     """Corrected numbers of traits."""

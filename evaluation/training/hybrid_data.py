@@ -1,4 +1,4 @@
-"""What `hybrid-game` learns from: recordings and episodes, without what it is tested on."""
+"""Training data of `hybrid-game`: recordings and episodes, without those for tests."""
 
 from __future__ import annotations
 
