@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from agents.egos.checks import check_memory
+from agents.egos.hypotheses import Hypotheses, HypothesesMemory
 from agents.egos.motion import player_positions, present_state
 from agents.egos.own_state import observation_variance
 from agents.egos.perception import Perception
@@ -52,6 +53,7 @@ class InferGammaMemory(NamedTuple):
     """Whether the latest update kept the estimate before it."""
     planning: Budget = Budget.offline()
     """Budget of the plan after the latest update."""
+    hypotheses: HypothesesMemory = HypothesesMemory()
 
 
 @dataclass(frozen=True)
@@ -76,6 +78,9 @@ class InferGamma:
     """Stages after the window in the estimated game; None: three fifths of the planning horizon."""
     prior: Prior = Prior(gamma_weight=4.0, gamma_center=1.0)
     """Of discount factors: weak, 1 +- 0.5. Of `theta`: `scene.opponent_prior` unless given here."""
+
+    hypotheses: Hypotheses = Hypotheses()
+    """Hypotheses that the ego plans for, of which the equilibrium is one."""
 
     def __post_init__(self) -> None:
         if self.infer_gamma and self.true_gamma:
@@ -205,9 +210,13 @@ class InferGamma:
             [*future, None],
             budget=memory.planning,
         )
+        equilibrium = None if plan is None or decision.plan_fallback else plan.solution
+        decision, hypotheses = self.hypotheses.plan(
+            scene, ego, present, perception.states(), equilibrium, decision, memory.hypotheses
+        )
         early = memory.early._replace(perception=perception.acted(decision.action))
         return replace(decision, estimate_outdated=memory.outdated), memory._replace(
-            plan=plan, early=early
+            plan=plan, early=early, hypotheses=hypotheses
         )
 
 
