@@ -1,8 +1,10 @@
 """Hypotheses of an ego about the others, their weights, and its plan for all of them.
 
-The hypotheses are the equilibrium of the game that the ego plays, and that the others keep their
-velocity whatever the ego does, as agents that play no game may. Each is weighted by its prior and
-by how well it predicted the others' latest positions; the plan has the least expected cost.
+The hypotheses are the equilibrium of the game that the ego plays, and that the others do not react:
+they keep their speed, along their route or straight on, as agents that play no game may. Each is
+weighted by its prior and by how well it predicted the others' latest positions; the plan has the
+least expected cost. It is for games of a short horizon: it looks farther ahead (`LOOK_AHEAD`), and
+counts all costs fully.
 """
 
 from __future__ import annotations
@@ -14,16 +16,18 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from agents.egos.car_paths import along, path_ahead
 from agents.egos.expected_response import expected_response_game, expected_response_parameters
 from agents.egos.motion import extrapolate
-from agents.egos.planning import OWN_GAMMA, looking_ahead, within_limits
+from agents.egos.planning import FULL_GAMMA, looking_ahead, within_limits
 from agents.interfaces.policy import Decision, Hypothesis
 from foresight_env.envs.core.scene import Scene
 from foresight_env.equilibrium import Budget, Solution, SolverOptions, Status, shift, solve
 from foresight_env.equilibrium.settings import CentralPath
-from foresight_env.games import Game, inside_bounds
+from foresight_env.games import Dynamics, Game, inside_bounds
+from foresight_env.games.types import Theta
 
-EQUILIBRIUM, CONSTANT_VELOCITY = "equilibrium", "constant velocity"
+EQUILIBRIUM, NO_REACTION = "equilibrium", "no reaction"
 """Names of the hypotheses, in their order."""
 PRECISION = SolverOptions(
     tolerance=1e-3, barrier=1e-3, warm_barrier=0.1, path=CentralPath(end_width=1.0)
@@ -35,6 +39,18 @@ BUDGET = Budget(phases=1, newton_steps=40)
 
 Paths = Mapping[int, Float[np.ndarray, "T _"]]
 """Others' states after stages 1..T by player."""
+
+
+class Others(NamedTuple):
+    """What an ego knows of all players."""
+
+    states: Sequence[Float[np.ndarray, "4"]]
+    """Present states, from which all hypotheses go on."""
+    theta: Sequence[Theta]
+    """Estimated parameters; those of cars with a route have its `path`."""
+    observed: Sequence[Float[np.ndarray, "4"]]
+    """Present states by the latest observations alone, which earlier predictions are compared
+    with."""
 
 
 class HypothesesMemory(NamedTuple):
@@ -68,8 +84,7 @@ class Hypotheses:
         self,
         scene: Scene,
         ego: int,
-        states: Sequence[Float[np.ndarray, "4"]],
-        observed: Sequence[Float[np.ndarray, "4"]],
+        others: Others,
         equilibrium: Solution | None,
         decision: Decision,
         memory: HypothesesMemory,
@@ -79,22 +94,22 @@ class Hypotheses:
         Args:
             scene: with the game and the ego's own parameters.
             ego: the player.
-            states: present states of all players, from which both hypotheses go on.
-            observed: the same by the latest observations alone, which earlier predictions are
-                compared with.
+            others: their states and parameters, and the ego's own.
             equilibrium: of the scene's game; None where it was not solved.
             decision: what the equilibrium has the ego do.
             memory: of the last plan.
         """
-        game = looking_ahead(scene).game
-        straight = {
-            j: extrapolate(player.dynamics, states[j], game.horizon, scene.dt)
+        game, states = looking_ahead(scene).game, others.states
+        unmoved = {
+            j: onward(player.dynamics, others.theta[j], states[j], game.horizon, scene.dt)
             for j, player in enumerate(game.players)
             if j != ego
         }
-        played = straight if equilibrium is None else continued(scene, ego, equilibrium, game)
-        hypotheses = played, straight
-        memory = self._compared(memory, ego, observed)
+        played = unmoved
+        if equilibrium is not None:
+            played = continued(scene, ego, equilibrium, others.theta, game)
+        hypotheses = played, unmoved
+        memory = self._compared(memory, ego, others.observed)
         ahead = np.full((len(hypotheses), len(states), 2), np.nan)
         if equilibrium is not None:
             for k, paths in enumerate(hypotheses):
@@ -113,7 +128,7 @@ class Hypotheses:
         found = tuple(
             Hypothesis(name, float(weight), {j: path[:, :2] for j, path in paths.items()})
             for name, weight, paths in zip(
-                (EQUILIBRIUM, CONSTANT_VELOCITY), weights, hypotheses, strict=True
+                (EQUILIBRIUM, NO_REACTION), weights, hypotheses, strict=True
             )
         )
         control = np.asarray(solution.controls[0][0])
@@ -167,7 +182,7 @@ def _solved(
         game,
         [state],
         [theta],
-        [OWN_GAMMA],
+        [FULL_GAMMA],
         initial_guess=shifted,
         options=PRECISION,
         budget=BUDGET,
@@ -176,15 +191,30 @@ def _solved(
     return (found, True) if solved else (shifted, False)
 
 
-def continued(scene: Scene, ego: int, solution: Solution, game: Game) -> Paths:
-    """The others' states in an equilibrium, and straight on after its end."""
+def continued(
+    scene: Scene, ego: int, solution: Solution, theta: Sequence[Theta], game: Game
+) -> Paths:
+    """The others' states in an equilibrium, and at their last speed after its end."""
     found = {}
     for j, player in enumerate(game.players):
         if j != ego:
             states = np.asarray(solution.states[j])[1 : game.horizon + 1]
             rest = game.horizon - len(states)
             if rest > 0:
-                later = extrapolate(player.dynamics, states[-1], rest, scene.dt)
+                later = onward(player.dynamics, theta[j], states[-1], rest, scene.dt)
                 states = np.concatenate([states, later])
             found[j] = states
+    return found
+
+
+def onward(
+    dynamics: Dynamics, theta: Theta, state: Float[np.ndarray, "4"], steps: int, dt: float
+) -> Float[np.ndarray, "T 4"]:
+    """States after 1..steps steps at the present speed: along a car's route, or straight on."""
+    if "path" not in theta:
+        return extrapolate(dynamics, state, steps, dt)
+    speed = max(float(state[2]), 0.0)
+    route = path_ahead(state[[0, 1, 3]], np.zeros((0, 2)), np.asarray(theta["path"])[:, :3])
+    poses = along(route, speed * dt * np.arange(1, steps + 1)[None])[0]
+    found: Float[np.ndarray, "T 4"] = np.insert(poses, 2, speed, axis=1)
     return found

@@ -16,11 +16,11 @@ import numpy as np
 from jaxtyping import Float
 
 from agents.egos.checks import check_memory
-from agents.egos.hypotheses import Hypotheses, HypothesesMemory
+from agents.egos.hypotheses import Hypotheses, HypothesesMemory, Others
 from agents.egos.motion import player_positions, present_state
 from agents.egos.own_state import observation_variance
 from agents.egos.perception import Perception
-from agents.egos.planning import ALTERNATIVE_STEPS, Plan, plan_equilibrium
+from agents.egos.planning import ALTERNATIVE_STEPS, Plan, looks_ahead, plan_equilibrium
 from agents.egos.predict_then_plan import PlanMemory, constant_velocity
 from agents.interfaces.policy import Decision
 from foresight_env.annotations import no_type_check
@@ -80,7 +80,8 @@ class InferGamma:
     """Of discount factors: weak, 1 +- 0.5. Of `theta`: `scene.opponent_prior` unless given here."""
 
     hypotheses: Hypotheses = Hypotheses()
-    """Hypotheses that the ego plans for, of which the equilibrium is one."""
+    """Where the game's horizon is short: hypotheses that a longer plan is for, of which the
+    equilibrium is one."""
 
     def __post_init__(self) -> None:
         if self.infer_gamma and self.true_gamma:
@@ -210,10 +211,16 @@ class InferGamma:
             [*future, None],
             budget=memory.planning,
         )
-        equilibrium = None if plan is None or decision.plan_fallback else plan.solution
-        decision, hypotheses = self.hypotheses.plan(
-            scene, ego, present, perception.states(), equilibrium, decision, memory.hypotheses
-        )
+        hypotheses = memory.hypotheses
+        if not looks_ahead(scene):
+            decision, hypotheses = self.hypotheses.plan(
+                scene,
+                ego,
+                Others(present, found.theta, perception.states()),
+                None if plan is None or decision.plan_fallback else plan.solution,
+                decision,
+                hypotheses,
+            )
         early = memory.early._replace(perception=perception.acted(decision.action))
         return replace(decision, estimate_outdated=memory.outdated), memory._replace(
             plan=plan, early=early, hypotheses=hypotheses

@@ -28,8 +28,13 @@ Guess = Solution | Sequence[Float[np.ndarray, "T _"]] | None
 LOOK_AHEAD = 2.0
 """Least time that an ego plans its own motion for, s. With the driving scenes' horizon of 1.1 s a
 car begins to brake too late, whatever it predicts."""
-OWN_GAMMA = 1.0
-"""Discount factor of an ego's own plan: episodes are scored without discounting."""
+FULL_GAMMA = 1.0
+"""Discount factor of a plan that is longer than the game: costs count as episodes are scored."""
+
+
+def looks_ahead(scene: Scene) -> bool:
+    """Whether the game's horizon is `LOOK_AHEAD` at least, so that its plan is long enough."""
+    return scene.game.horizon >= round(LOOK_AHEAD / scene.dt)
 
 
 def looking_ahead(scene: Scene) -> Scene:
@@ -163,13 +168,11 @@ def plan_response(
     ego: int,
     own_state: Float[np.ndarray, "_"],
     own_theta: Theta,
+    own_gamma: float,
     predicted: dict[int, Float[np.ndarray, "T _"]],
     previous: Plan | None,
 ) -> tuple[Decision, Plan | None]:
-    """Plan the ego's best response to others that follow `predicted` (joint states, T stages).
-
-    All costs count fully (`OWN_GAMMA`).
-    """
+    """Plan the ego's best response to others that follow `predicted` (joint states, T stages)."""
     game = scene.game
     alone = best_response_game(game, ego)
     state = np.asarray(own_state)
@@ -178,6 +181,6 @@ def plan_response(
         state = np.clip(state, box.lower[0], box.upper[0])
     theta: dict[str, Any] = best_response_parameters(game, ego, own_theta, predicted)
     initial_guess = None if previous is None else shift(previous.solution)
-    solution = solve(alone, [state], [theta], [OWN_GAMMA], initial_guess=initial_guess)
+    solution = solve(alone, [state], [theta], [own_gamma], initial_guess=initial_guess)
     paths = {j: s[:, :2] for j, s in predicted.items()}
     return _decide(scene, ego, solution, 0, previous, state, paths, {})

@@ -16,7 +16,7 @@ from scipy.stats import norm
 
 from agents.egos.checks import check_memory
 from agents.egos.perception import Perception
-from agents.egos.planning import Plan, looking_ahead, plan_response
+from agents.egos.planning import FULL_GAMMA, Plan, looking_ahead, looks_ahead, plan_response
 from agents.interfaces.policy import Decision
 from agents.interfaces.predictor import Context, Forecast, History, Predictor, SceneGame
 from agents.predictors.kinematic import ConstantVelocityPredictor
@@ -81,6 +81,8 @@ class PredictThenPlan:
             decision, perception = memory.perception.waiting()
             return decision, memory._replace(perception=perception)
         states = memory.perception.states()
+        mine = scene.own(ego)
+        own_gamma = mine.gamma if looks_ahead(scene) else FULL_GAMMA
         scene = looking_ahead(scene)
         horizon = scene.game.horizon
         forecast = self.predictor.predict(history_of(scene, memory.track), horizon)
@@ -92,7 +94,9 @@ class PredictThenPlan:
             if j != ego
         }
         mine = scene.own(ego)
-        decision, plan = plan_response(scene, ego, states[ego], mine.theta, predicted, memory.plan)
+        decision, plan = plan_response(
+            scene, ego, states[ego], mine.theta, own_gamma, predicted, memory.plan
+        )
         most_likely = forecast.most_likely
         decision = replace(
             decision,

@@ -8,7 +8,7 @@ import pytest
 import agents.egos.hypotheses
 from agents import Decision
 from agents.egos.expected_response import expected_response_game, expected_response_parameters
-from agents.egos.hypotheses import Hypotheses, HypothesesMemory, continued
+from agents.egos.hypotheses import Hypotheses, HypothesesMemory, Others, continued, onward
 from agents.egos.motion import extrapolate
 from agents.egos.planning import looking_ahead
 from foresight_env.equilibrium import Status, solve
@@ -26,6 +26,7 @@ from foresight_env.scenarios.crosswalk import (
     crosswalk_game,
     player_theta,
 )
+from foresight_env.scenarios.driving import driving_game
 from tests.support.small_crossings import crossing
 
 HORIZON = 8
@@ -89,18 +90,19 @@ def test_a_game_with_equalities_is_refused():
 
 @pytest.fixture(scope="module")
 def begun():
-    """The scene of an episode and its first states."""
+    """The scene of an episode and what the ego may know at its first instant."""
     env = crossing()
     _, infos = env.reset(seed=3)
-    return env.scene, list(infos["pedestrian_0"]["state"])
+    states, own = list(infos["pedestrian_0"]["state"]), dict(env.scene.own(0).theta)
+    return env.scene, Others(states, [own, own], states)
 
 
 def test_what_explains_the_others_weighs_more(begun):
-    scene, states = begun
+    scene, others = begun
     setting = Hypotheses(lag=1)
-    places = np.stack([state[:2] for state in states])
+    places = np.stack([state[:2] for state in others.observed])
     memory = HypothesesMemory(predicted=(np.stack([places, places + 0.5]),))
-    _, after = setting.plan(scene, 0, states, states, None, NOTHING, memory)
+    _, after = setting.plan(scene, 0, others, None, NOTHING, memory)
     assert after.score[0] == 0.0
     assert after.score[1] == pytest.approx(-2 * 0.5**2 / setting.deviation**2)
     np.testing.assert_allclose(
@@ -111,11 +113,9 @@ def test_what_explains_the_others_weighs_more(begun):
 
 
 def test_a_decision_holds_its_hypotheses(begun):
-    scene, states = begun
-    decision, memory = Hypotheses().plan(
-        scene, 0, states, states, None, NOTHING, HypothesesMemory()
-    )
-    assert [h.name for h in decision.hypotheses] == ["equilibrium", "constant velocity"]
+    scene, others = begun
+    decision, memory = Hypotheses().plan(scene, 0, others, None, NOTHING, HypothesesMemory())
+    assert [h.name for h in decision.hypotheses] == ["equilibrium", "no reaction"]
     assert sum(h.weight for h in decision.hypotheses) == pytest.approx(1.0)
     assert all(set(h.predicted) == {1} for h in decision.hypotheses)
     assert len(decision.planned) == looking_ahead(scene).game.horizon
@@ -126,11 +126,10 @@ def test_a_decision_holds_its_hypotheses(begun):
 
 
 def test_an_equilibrium_is_continued_straight_on(begun):
-    scene, states = begun
-    own = dict(scene.own(0).theta)
-    found = solve(scene.game, states, [own, own], [1.0, 1.0], throw=True)
+    scene, others = begun
+    found = solve(scene.game, others.states, others.theta, [1.0, 1.0], throw=True)
     longer = looking_ahead(scene).game
-    path = continued(scene, 0, found, longer)[1]
+    path = continued(scene, 0, found, others.theta, longer)[1]
     assert path.shape == (longer.horizon, 4)
     shown = scene.game.horizon
     np.testing.assert_array_equal(path[:shown], found.states[1][1:])
@@ -141,18 +140,34 @@ def test_an_equilibrium_is_continued_straight_on(begun):
     )
 
 
+def test_cars_go_on_along_their_route():
+    angle = 0.05 * np.arange(60)
+    # A circle of 20 m radius to the left, points 1 m apart.
+    route = np.stack(
+        [20.0 * np.sin(angle), 20.0 - 20.0 * np.cos(angle), angle, np.full(60, 0.05)], axis=1
+    )
+    car = driving_game(2).players[1].dynamics
+    found = onward(car, {"path": route}, np.array([0.0, 0.0, 8.0, 0.0]), 20, 0.1)
+    assert found.shape == (20, 4)
+    np.testing.assert_allclose(np.hypot(found[:, 0], found[:, 1] - 20.0), 20.0, atol=0.02)
+    np.testing.assert_allclose(found[:, 2], 8.0)
+    assert found[-1, 3] == pytest.approx(16.0 / 20.0, abs=0.06)
+    straight = onward(car, {}, np.array([0.0, 0.0, 8.0, 0.0]), 20, 0.1)
+    np.testing.assert_allclose(straight[-1, :2], [16.0, 0.0])
+
+
 def test_a_plan_that_is_not_solved_is_the_last_one_or_the_equilibrium(begun, monkeypatch):
-    scene, states = begun
+    scene, others = begun
     setting, original = Hypotheses(), agents.egos.hypotheses.solve
-    _, memory = setting.plan(scene, 0, states, states, None, NOTHING, HypothesesMemory())
+    _, memory = setting.plan(scene, 0, others, None, NOTHING, HypothesesMemory())
 
     def failing(*args, **kwargs):
         return original(*args, **kwargs)._replace(status=np.array(Status.ITERATION_LIMIT))
 
     monkeypatch.setattr(agents.egos.hypotheses, "solve", failing)
-    first, without = setting.plan(scene, 0, states, states, None, NOTHING, HypothesesMemory())
+    first, without = setting.plan(scene, 0, others, None, NOTHING, HypothesesMemory())
     assert first is NOTHING
     assert without.solution is None
-    later, _ = setting.plan(scene, 0, states, states, None, NOTHING, memory)
+    later, _ = setting.plan(scene, 0, others, None, NOTHING, memory)
     assert later.plan_fallback
     np.testing.assert_allclose(later.action, memory.solution.controls[0][1], atol=1e-6)
