@@ -35,7 +35,7 @@ PRECISION = SolverOptions(
 """Of a plan, of which one control is applied: fewer Newton steps, and fewer failures, than to the
 solver's usual accuracy."""
 BUDGET = Budget(phases=1, newton_steps=40)
-"""Of a plan: the last one, continued, is better than one that comes late."""
+"""Of each of at most two solves: the last plan, continued, is better than one that comes late."""
 
 Paths = Mapping[int, Float[np.ndarray, "T _"]]
 """Others' states after stages 1..T by player."""
@@ -173,22 +173,24 @@ def _solved(
     theta: Mapping[str, Any],
     previous: Solution | None,
 ) -> tuple[Solution | None, bool]:
-    """Plan from the shifted last one or a cold start, and whether it is solved for.
+    """Plan from the shifted last one, else from a cold start, and whether it is solved for.
 
     If it is not, the last plan continued; None without one.
     """
     shifted = None if previous is None else shift(previous)
-    found = solve(
-        game,
-        [state],
-        [theta],
-        [FULL_GAMMA],
-        initial_guess=shifted,
-        options=PRECISION,
-        budget=BUDGET,
-    )
-    solved = int(found.status) == Status.SOLVED
-    return (found, True) if solved else (shifted, False)
+    for start in (shifted, None)[shifted is None :]:
+        found = solve(
+            game,
+            [state],
+            [theta],
+            [FULL_GAMMA],
+            initial_guess=start,
+            options=PRECISION,
+            budget=BUDGET,
+        )
+        if int(found.status) == Status.SOLVED:
+            return found, True
+    return shifted, False
 
 
 def continued(

@@ -200,6 +200,7 @@ class InferGamma:
         # Where the last plan leads, the estimate's own future leads as well (to one equilibrium in
         # 98 of 100 decisions at crossings and left turns), so it is for the first plan alone.
         future = [] if memory.plan is not None else [_future(scene, state, found)]
+        far = looks_ahead(scene)
         decision, plan = plan_equilibrium(
             scene,
             ego,
@@ -209,10 +210,11 @@ class InferGamma:
             memory.plan,
             gammas,
             [*future, None],
-            budget=memory.planning,
+            # One equilibrium is enough where it is but a hypothesis.
+            budget=memory.planning if far else Budget.trial(),
         )
         hypotheses = memory.hypotheses
-        if not looks_ahead(scene):
+        if not far:
             decision, hypotheses = self.hypotheses.plan(
                 scene,
                 ego,

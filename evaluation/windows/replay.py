@@ -14,7 +14,6 @@ others to play the encounter game (`scenarios.encounter`).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
 from pathlib import Path
@@ -335,10 +334,3 @@ def _gaps(
         for kind, a, b in zip(episode.kinds, before, after, strict=True)
     ]
     return least_gaps(_footprints(episode), moves, lambda i, j: 0 in (i, j))
-
-
-def episodes_text(episodes: Sequence[ReplayedEpisode]) -> str:
-    """How many episodes there are, with how many agents of which kinds."""
-    kinds = [kind for episode in episodes for kind in episode.kinds[1:]]
-    counts = ", ".join(f"{kinds.count(kind)} {kind}" for kind in sorted(set(kinds)))
-    return f"{len(episodes)} episodes among recorded agents, who ignore the ego: {counts}"
