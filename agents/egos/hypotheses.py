@@ -42,7 +42,7 @@ Paths = Mapping[int, Float[np.ndarray, "T _"]]
 
 
 class Others(NamedTuple):
-    """What an ego knows of all players."""
+    """States and parameters of all players, as an ego knows them."""
 
     states: Sequence[Float[np.ndarray, "4"]]
     """Present states, from which all hypotheses go on."""
@@ -105,7 +105,7 @@ class Hypotheses:
             for j, player in enumerate(game.players)
             if j != ego
         }
-        played = unmoved
+        played: Paths = unmoved
         if equilibrium is not None:
             played = continued(scene, ego, equilibrium, others.theta, game)
         hypotheses = played, unmoved

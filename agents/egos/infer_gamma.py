@@ -80,8 +80,8 @@ class InferGamma:
     """Of discount factors: weak, 1 +- 0.5. Of `theta`: `scene.opponent_prior` unless given here."""
 
     hypotheses: Hypotheses = Hypotheses()
-    """Where the game's horizon is short: hypotheses that a longer plan is for, of which the
-    equilibrium is one."""
+    """Hypotheses that a longer plan is for where the game's horizon is short; the equilibrium is
+    one of them."""
 
     def __post_init__(self) -> None:
         if self.infer_gamma and self.true_gamma:

@@ -49,7 +49,7 @@ class Decision:
     estimate_outdated: bool = False
     """Whether the latest fit failed, so that an older estimate was planned with."""
     hypotheses: tuple[Hypothesis, ...] = ()
-    """What the plan is for, where it is for several possibilities; `predicted` is that of the most
+    """Possibilities that the plan is for, where there are several; `predicted` is that of the most
     likely."""
     intervention: bool = False
     """Whether the safety filter replaced the policy's action (`agents.egos.safety_filter`)."""

@@ -52,7 +52,7 @@ BEFORE, LONGEST, SHORTEST = 3.0, 10.0, 4.0
 """s."""
 GOAL_PART = 0.75
 GOAL_RADIUS = 1.5
-"""m: who made way walks on beside its own track."""
+"""m: an ego that made way walks on parallel to its preferred path."""
 MOST_OTHERS = 3
 LEAST_GAP = 0.2
 """Between the ego and any other at the start, m."""
@@ -145,7 +145,7 @@ def _episode(recording: Recording, crossing: Interaction, ego: str) -> ReplayedE
     early = round((min(crossing.times) - BEFORE) * recording.rate)
     first = max(int(seen[0][0]), int(seen[1][0]), early)
     # The first row of both at or after that frame.
-    common = np.intersect1d(*seen)
+    common = np.intersect1d(seen[0], seen[1])
     common = common[common >= first]
     if not common.size:
         return None
@@ -155,7 +155,7 @@ def _episode(recording: Recording, crossing: Interaction, ego: str) -> ReplayedE
     if (steps - 1) * dt < SHORTEST or crossing.times[0] * recording.rate < first:
         return None
     window = recording.window(recording.agents, first, steps, every)
-    there = window.present.all(axis=0)
+    there = np.asarray(window.present.all(axis=0))
     index = {agent: k for k, agent in enumerate(window.agents)}
     if not (there[index[ego]] and there[index[partner]]):
         return None
