@@ -20,7 +20,7 @@ from agents.egos.hypotheses import Hypotheses, HypothesesMemory, Others
 from agents.egos.motion import player_positions, present_state
 from agents.egos.own_state import observation_variance
 from agents.egos.perception import Perception
-from agents.egos.planning import ALTERNATIVE_STEPS, Plan, looks_ahead, plan_equilibrium
+from agents.egos.planning import ALTERNATIVE_STEPS, Plan, needs_longer_plan, plan_equilibrium
 from agents.egos.predict_then_plan import PlanMemory, constant_velocity
 from agents.interfaces.policy import Decision
 from foresight_env.annotations import no_type_check
@@ -200,7 +200,7 @@ class InferGamma:
         # Where the last plan leads, the estimate's own future leads as well (to one equilibrium in
         # 98 of 100 decisions at crossings and left turns), so it is for the first plan alone.
         future = [] if memory.plan is not None else [_future(scene, state, found)]
-        far = looks_ahead(scene)
+        longer = needs_longer_plan(scene, ego, present[ego])
         decision, plan = plan_equilibrium(
             scene,
             ego,
@@ -211,17 +211,17 @@ class InferGamma:
             gammas,
             [*future, None],
             # One equilibrium is enough where it is but a hypothesis.
-            budget=memory.planning if far else Budget.trial(),
+            budget=Budget.trial() if longer else memory.planning,
         )
-        hypotheses = memory.hypotheses
-        if not far:
+        hypotheses = HypothesesMemory()
+        if longer:
             decision, hypotheses = self.hypotheses.plan(
                 scene,
                 ego,
                 Others(present, found.theta, perception.states()),
                 None if plan is None or decision.plan_fallback else plan.solution,
                 decision,
-                hypotheses,
+                memory.hypotheses,
             )
         early = memory.early._replace(perception=perception.acted(decision.action))
         return replace(decision, estimate_outdated=memory.outdated), memory._replace(

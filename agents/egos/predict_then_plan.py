@@ -16,7 +16,7 @@ from scipy.stats import norm
 
 from agents.egos.checks import check_memory
 from agents.egos.perception import Perception
-from agents.egos.planning import FULL_GAMMA, Plan, looking_ahead, looks_ahead, plan_response
+from agents.egos.planning import FULL_GAMMA, Plan, looking_ahead, needs_longer_plan, plan_response
 from agents.interfaces.policy import Decision
 from agents.interfaces.predictor import Context, Forecast, History, Predictor, SceneGame
 from agents.predictors.kinematic import ConstantVelocityPredictor
@@ -82,8 +82,9 @@ class PredictThenPlan:
             return decision, memory._replace(perception=perception)
         states = memory.perception.states()
         mine = scene.own(ego)
-        own_gamma = mine.gamma if looks_ahead(scene) else FULL_GAMMA
-        scene = looking_ahead(scene)
+        own_gamma = mine.gamma
+        if needs_longer_plan(scene, ego, states[ego]):
+            scene, own_gamma = looking_ahead(scene), FULL_GAMMA
         horizon = scene.game.horizon
         forecast = self.predictor.predict(history_of(scene, memory.track), horizon)
         own = planned_positions(scene, ego, states[ego], memory.plan)
@@ -145,7 +146,8 @@ def planned_positions(
         times = scene.dt * np.arange(1, horizon + 1)[:, None]
         return np.asarray(state[:2] + times * planar_velocity(dynamics, state))
     path = np.asarray(plan.solution.states[plan.player])[2:, :2]
-    return np.concatenate([path, path[-1:]])[:horizon]
+    rest = np.repeat(path[-1:], max(horizon - len(path), 0), axis=0)
+    return np.concatenate([path, rest])[:horizon]
 
 
 def feared_positions(
