@@ -261,6 +261,8 @@ def replayed_world(episode: ReplayedEpisode) -> World:
     kinds, tracks = episode.kinds, episode.tracks
     velocity = (episode.goal - tracks[0, 0, :2]) / (GOAL_PART * episode.steps * episode.dt)
     own = {
+        # Entries of vehicles as well: an ego keeps the same entries of all players.
+        **player_theta("car", (float(np.hypot(*velocity)), 0.0)),
         **player_theta("pedestrian", velocity),
         "goal": episode.goal,
     }

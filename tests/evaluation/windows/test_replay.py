@@ -38,6 +38,7 @@ def test_others_follow_their_tracks_whatever_the_ego_does(episodes):
         _, infos = env.reset(seed=0)
         agent = env.agents[0]
         assert infos[agent]["min_distance"] >= LEAST_GAP
+        assert set(env.scene.opponent_prior.free) <= set(env.scene.own(agent).theta)
         steps = 0
         while env.agents:
             _, _, _, _, infos = env.step({agent: np.array([-1.0, 0.5], dtype=np.float32)})
