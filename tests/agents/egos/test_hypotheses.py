@@ -10,7 +10,7 @@ from agents import Decision
 from agents.egos.expected_response import expected_response_game, expected_response_parameters
 from agents.egos.hypotheses import Hypotheses, HypothesesMemory, Others, continued, onward
 from agents.egos.motion import extrapolate
-from agents.egos.planning import looking_ahead
+from agents.egos.planning import looking_ahead, needs_longer_plan
 from foresight_env.equilibrium import Status, solve
 from foresight_env.equilibrium.verification.best_response import (
     best_response_game,
@@ -171,3 +171,12 @@ def test_a_plan_that_is_not_solved_is_the_last_one_or_the_equilibrium(begun, mon
     later, _ = setting.plan(scene, 0, others, None, NOTHING, memory)
     assert later.plan_fallback
     np.testing.assert_allclose(later.action, memory.solution.controls[0][1], atol=1e-6)
+
+
+def test_longer_plans_are_for_short_horizons_and_cars_that_can_stop(begun):
+    scene, others = begun
+    assert needs_longer_plan(scene, 0, others.states[0])
+    assert not needs_longer_plan(looking_ahead(scene), 0, others.states[0])
+    cars = replace(scene, game=driving_game(2, 10))
+    for speed, longer in ((9.9, True), (10.1, False)):
+        assert needs_longer_plan(cars, 0, np.array([0.0, 0.0, speed, 0.0])) == longer
