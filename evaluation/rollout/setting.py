@@ -105,7 +105,7 @@ class RunSetting:
     def make(self, render_mode: str | None = None) -> Any:
         """The environment; `ValueError` where it is that of a recording."""
         if self.scenario == "recorded":
-            raise ValueError("scenario: is 'recorded'; make a evaluation.windows.replay.ReplayEnv")
+            raise ValueError("scenario: is 'recorded'; make an evaluation.windows.replay.ReplayEnv")
         arguments: dict[str, Any] = {
             "observation": self.observation,
             "behaviour": self.behaviour_of_others,
