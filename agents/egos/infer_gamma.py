@@ -16,10 +16,11 @@ import numpy as np
 from jaxtyping import Float
 
 from agents.egos.checks import check_memory
+from agents.egos.hypotheses import Hypotheses, HypothesesMemory, Others
 from agents.egos.motion import player_positions, present_state
 from agents.egos.own_state import observation_variance
 from agents.egos.perception import Perception
-from agents.egos.planning import ALTERNATIVE_STEPS, Plan, plan_equilibrium
+from agents.egos.planning import ALTERNATIVE_STEPS, Plan, needs_longer_plan, plan_equilibrium
 from agents.egos.predict_then_plan import PlanMemory, constant_velocity
 from agents.interfaces.policy import Decision
 from foresight_env.annotations import no_type_check
@@ -52,6 +53,7 @@ class InferGammaMemory(NamedTuple):
     """Whether the latest update kept the estimate before it."""
     planning: Budget = Budget.offline()
     """Budget of the plan after the latest update."""
+    hypotheses: HypothesesMemory = HypothesesMemory()
 
 
 @dataclass(frozen=True)
@@ -76,6 +78,10 @@ class InferGamma:
     """Stages after the window in the estimated game; None: three fifths of the planning horizon."""
     prior: Prior = Prior(gamma_weight=4.0, gamma_center=1.0)
     """Of discount factors: weak, 1 +- 0.5. Of `theta`: `scene.opponent_prior` unless given here."""
+
+    hypotheses: Hypotheses = Hypotheses()
+    """Hypotheses that a longer plan is for where the game's horizon is short; the equilibrium is
+    one of them."""
 
     def __post_init__(self) -> None:
         if self.infer_gamma and self.true_gamma:
@@ -194,6 +200,7 @@ class InferGamma:
         # Where the last plan leads, the estimate's own future leads as well (to one equilibrium in
         # 98 of 100 decisions at crossings and left turns), so it is for the first plan alone.
         future = [] if memory.plan is not None else [_future(scene, state, found)]
+        longer = needs_longer_plan(scene, ego, present[ego])
         decision, plan = plan_equilibrium(
             scene,
             ego,
@@ -203,11 +210,22 @@ class InferGamma:
             memory.plan,
             gammas,
             [*future, None],
-            budget=memory.planning,
+            # One equilibrium is enough where it is but a hypothesis.
+            budget=Budget.trial() if longer else memory.planning,
         )
+        hypotheses = HypothesesMemory()
+        if longer:
+            decision, hypotheses = self.hypotheses.plan(
+                scene,
+                ego,
+                Others(present, found.theta, perception.states()),
+                None if plan is None or decision.plan_fallback else plan.solution,
+                decision,
+                memory.hypotheses,
+            )
         early = memory.early._replace(perception=perception.acted(decision.action))
         return replace(decision, estimate_outdated=memory.outdated), memory._replace(
-            plan=plan, early=early
+            plan=plan, early=early, hypotheses=hypotheses
         )
 
 

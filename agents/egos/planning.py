@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,12 +17,39 @@ from foresight_env.equilibrium.verification.best_response import (
     best_response_game,
     best_response_parameters,
 )
-from foresight_env.games import Game, inside_bounds
+from foresight_env.games import Game, Vehicle, inside_bounds
 from foresight_env.games.motion import planar_velocity
 from foresight_env.games.types import Theta
 
 Guess = Solution | Sequence[Float[np.ndarray, "T _"]] | None
 """Start of a plan: a solution, all players' controls, or cold."""
+
+
+LOOK_AHEAD = 2.0
+"""Least time that an ego plans its own motion for, s. With the driving scenes' horizon of 1.1 s a
+car begins to brake too late, whatever it predicts."""
+FULL_GAMMA = 1.0
+"""Discount factor of a plan that is longer than the game: costs count as episodes are scored."""
+
+
+def needs_longer_plan(scene: Scene, ego: int, state: Float[np.ndarray, "_"]) -> bool:
+    """Whether an ego plans `LOOK_AHEAD` instead of the game's shorter horizon.
+
+    It does unless it is a car that cannot stop within that time: at the merge, at 15 m/s, longer
+    plans cost more (docs/design.md).
+    """
+    if scene.game.horizon >= round(LOOK_AHEAD / scene.dt):
+        return False
+    player = scene.game.players[ego]
+    if not isinstance(player.dynamics, Vehicle) or player.control_bounds is None:
+        return True
+    return bool(state[2] <= -player.control_bounds.lower[0][0] * LOOK_AHEAD)
+
+
+def looking_ahead(scene: Scene) -> Scene:
+    """The scene with a game over the stages of an ego's own plan, `LOOK_AHEAD` at least."""
+    horizon = max(scene.game.horizon, round(LOOK_AHEAD / scene.dt))
+    return replace(scene, game=replace(scene.game, horizon=horizon))
 
 
 class Plan(NamedTuple):
@@ -161,7 +189,8 @@ def plan_response(
     if box is not None:
         state = np.clip(state, box.lower[0], box.upper[0])
     theta: dict[str, Any] = best_response_parameters(game, ego, own_theta, predicted)
-    initial_guess = None if previous is None else shift(previous.solution)
+    fits = previous is not None and len(previous.solution.point.x) == game.horizon
+    initial_guess = shift(previous.solution) if previous is not None and fits else None
     solution = solve(alone, [state], [theta], [own_gamma], initial_guess=initial_guess)
     paths = {j: s[:, :2] for j, s in predicted.items()}
     return _decide(scene, ego, solution, 0, previous, state, paths, {})

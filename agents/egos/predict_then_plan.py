@@ -16,7 +16,7 @@ from scipy.stats import norm
 
 from agents.egos.checks import check_memory
 from agents.egos.perception import Perception
-from agents.egos.planning import Plan, plan_response
+from agents.egos.planning import FULL_GAMMA, Plan, looking_ahead, needs_longer_plan, plan_response
 from agents.interfaces.policy import Decision
 from agents.interfaces.predictor import Context, Forecast, History, Predictor, SceneGame
 from agents.predictors.kinematic import ConstantVelocityPredictor
@@ -81,6 +81,10 @@ class PredictThenPlan:
             decision, perception = memory.perception.waiting()
             return decision, memory._replace(perception=perception)
         states = memory.perception.states()
+        mine = scene.own(ego)
+        own_gamma = mine.gamma
+        if needs_longer_plan(scene, ego, states[ego]):
+            scene, own_gamma = looking_ahead(scene), FULL_GAMMA
         horizon = scene.game.horizon
         forecast = self.predictor.predict(history_of(scene, memory.track), horizon)
         own = planned_positions(scene, ego, states[ego], memory.plan)
@@ -92,7 +96,7 @@ class PredictThenPlan:
         }
         mine = scene.own(ego)
         decision, plan = plan_response(
-            scene, ego, states[ego], mine.theta, mine.gamma, predicted, memory.plan
+            scene, ego, states[ego], mine.theta, own_gamma, predicted, memory.plan
         )
         most_likely = forecast.most_likely
         decision = replace(
@@ -142,7 +146,8 @@ def planned_positions(
         times = scene.dt * np.arange(1, horizon + 1)[:, None]
         return np.asarray(state[:2] + times * planar_velocity(dynamics, state))
     path = np.asarray(plan.solution.states[plan.player])[2:, :2]
-    return np.concatenate([path, path[-1:]])[:horizon]
+    rest = np.repeat(path[-1:], max(horizon - len(path), 0), axis=0)
+    return np.concatenate([path, rest])[:horizon]
 
 
 def feared_positions(

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Protocol, TypeVar, runtime_checkable
+from typing import Any, NamedTuple, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -21,6 +21,16 @@ from jaxtyping import Float
 from foresight_env.envs.core.scene import Scene
 
 Memory = TypeVar("Memory")
+
+
+class Hypothesis(NamedTuple):
+    """One of several possibilities of what the others do."""
+
+    name: str
+    weight: float
+    """Probability that the ego plans with; those of a decision add up to 1."""
+    predicted: Mapping[int, Float[np.ndarray, "K 2"]]
+    """Others' positions by player, m."""
 
 
 @dataclass(frozen=True)
@@ -38,6 +48,9 @@ class Decision:
     """Whether a solve failed and the action is a fallback: the last plan continued, or braking."""
     estimate_outdated: bool = False
     """Whether the latest fit failed, so that an older estimate was planned with."""
+    hypotheses: tuple[Hypothesis, ...] = ()
+    """Possibilities that the plan is for, where there are several; `predicted` is that of the most
+    likely."""
     intervention: bool = False
     """Whether the safety filter replaced the policy's action (`agents.egos.safety_filter`)."""
 

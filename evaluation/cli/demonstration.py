@@ -109,6 +109,10 @@ def _draw(console: Console, ego: str, seed: int, setting: RunSetting, out: Path)
             table.add_row(f"gamma of agent {j}: inferred (±90 %), true", told)
         else:
             table.add_row(f"gamma of agent {j}: true", true)
+    for name in dict.fromkeys(h.name for s in shown.steps for h in s.decision.hypotheses):
+        weights = [h.weight for s in shown.steps for h in s.decision.hypotheses if h.name == name]
+        told = f"{min(weights):.0%} to {max(weights):.0%}, last {weights[-1]:.0%}"
+        table.add_row(f"weight of hypothesis {name}", told)
     milliseconds = 1e3 * np.array([s.latency for s in shown.steps[2:]])
     if milliseconds.size:
         table.add_row("decision, median", f"{np.median(milliseconds):.0f} ms")

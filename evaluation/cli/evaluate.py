@@ -146,8 +146,19 @@ def evaluate_safety(
     episodes: Annotated[int, typer.Option(min=1, help="Seeds per setting.")] = 20,
     seeds: SeedsOption = "test",
     settings: Annotated[
-        str, typer.Option(help="Comma-separated; `foresight value --list` prints them.")
+        str,
+        typer.Option(
+            help="Comma-separated; `foresight value --list` prints them. And recorded: the ego "
+            "walks among agents of a recording, who ignore it."
+        ),
     ] = ",".join(SAFETY_SETTINGS),
+    data: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder or file of recordings (inD, DUT, UCY) for the setting recorded; without "
+            "it, a recording that the project makes itself."
+        ),
+    ] = None,
     surprises: Annotated[
         str,
         typer.Option(
@@ -173,9 +184,11 @@ def evaluate_safety(
     from evaluation.reports.terminal import terminal
     from evaluation.rollout.places import SETTINGS
     from evaluation.rollout.surprises import SURPRISES
-    from evaluation.studies.safety import study
+    from evaluation.studies.safety import RECORDED, study
 
-    chosen = listed("--settings", settings, tuple(SETTINGS))
+    chosen = listed("--settings", settings, (*SETTINGS, RECORDED))
+    if data is not None and RECORDED not in chosen:
+        raise ValueError(f"--data: needs {RECORDED} among --settings")
     met = (
         tuple(SURPRISES)
         if surprises == "all"
@@ -189,6 +202,7 @@ def evaluate_safety(
         names,
         chosen_seeds(seeds, episodes),
         safety_filter=safety_filter,
+        data=data,
         workers=chosen_workers(workers, cluster),
     )
     print_safety(terminal(), rows, chosen, met, names)

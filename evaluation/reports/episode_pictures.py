@@ -12,7 +12,7 @@ from PIL import Image
 from evaluation.reports.figures import gamma_over_time
 from evaluation.rollout.episode import Step, episode, inferred
 from evaluation.rollout.setting import RunSetting
-from foresight_env.envs.rendering.overlay import Overlay
+from foresight_env.envs.rendering.overlay import Alternative, Overlay
 from foresight_env.files import write_atomically
 
 
@@ -33,6 +33,7 @@ def overlay_of(step: Step, ego: str, setting: RunSetting) -> Overlay:
         predicted=dict(decision.predicted),
         planned=decision.planned,
         gammas=inferred(ego, decision),
+        alternatives=tuple(Alternative(*hypothesis) for hypothesis in decision.hypotheses),
         intervention=decision.intervention,
         truth_gammas={j: float(truth[j]) for j in decision.gammas if not np.isnan(truth[j])},
     )

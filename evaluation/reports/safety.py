@@ -12,7 +12,7 @@ from evaluation.execution.store import Row
 from evaluation.reports.failures import errors_of, failed
 from evaluation.reports.naming import heading_of
 from evaluation.reports.tables import mean_and_half
-from evaluation.studies.safety import SafetySummary, possible, summarise
+from evaluation.studies.safety import RECORDED, SafetySummary, possible, summarise
 
 
 def print_safety(
@@ -42,6 +42,8 @@ def print_safety(
             price.add_row(name, *map(_price, found))
     console.print(harm)
     console.print(price)
+    if RECORDED in settings:
+        console.print("recorded: agents follow their recorded tracks and ignore the ego.")
     console.print(
         "at fault: the ego moved, and the agent that it touched was ahead of its middle. The same "
         "seeds for all egos."

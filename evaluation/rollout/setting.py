@@ -33,6 +33,7 @@ class RunSetting:
     """One episode's environment."""
 
     scenario: str = "crosswalk"
+    """Or `"recorded"`, whose environments `evaluation.windows.replay` makes."""
     scene: str = "left_turn"
     """Of driving; other scenarios have one."""
     players: int | None = None
@@ -102,7 +103,9 @@ class RunSetting:
         return {"crosswalk": 1.4, "intersection": 1.9, "driving": 2.0}[self.scenario]
 
     def make(self, render_mode: str | None = None) -> Any:
-        """The environment."""
+        """The environment; `ValueError` where it is that of a recording."""
+        if self.scenario == "recorded":
+            raise ValueError("scenario: is 'recorded'; make an evaluation.windows.replay.ReplayEnv")
         arguments: dict[str, Any] = {
             "observation": self.observation,
             "behaviour": self.behaviour_of_others,

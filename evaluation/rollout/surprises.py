@@ -183,7 +183,7 @@ def _outliers(
     return found
 
 
-ANYWHERE = ("crosswalk", "intersection", "driving")
+ANYWHERE = ("crosswalk", "intersection", "driving", "recorded")
 SURPRISES: dict[str, Surprise] = {
     "none": Surprise(ANYWHERE),
     "gamma-change": Surprise(("crosswalk", "driving"), ChangingGamma),

@@ -4,12 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
 from foresight_env.annotations import no_type_check
+
+
+class Alternative(NamedTuple):
+    """One of several possibilities that the first controlled agent plans for."""
+
+    name: str
+    weight: float
+    """In [0, 1]; those of an overlay add up to 1."""
+    predicted: Mapping[int, Float[np.ndarray, "K 2"]]
+    """Predicted positions of other players, m."""
 
 
 @no_type_check
@@ -28,6 +38,9 @@ class Overlay:
     """Inferred discount factors: mean and standard deviation."""
     truth_gammas: Mapping[int, float] = field(default_factory=dict)
     """True discount factors, a tick on each bar."""
+    alternatives: tuple[Alternative, ...] = ()
+    """Possibilities that the plan is for, the most likely among them: their weights are listed, and
+    the others' paths drawn thin."""
     intervention: bool = False
     """Whether a safety filter replaced the first controlled agent's action: drawn as a ring."""
 
@@ -47,8 +60,25 @@ class Overlay:
             None if self.planned is None else _path("planned", self.planned),
             {i: _interval(i, value) for i, value in self.gammas.items()},
             {i: _number(f"truth_gammas[{i}]", g) for i, g in self.truth_gammas.items()},
+            tuple(_alternative(k, a, players) for k, a in enumerate(self.alternatives)),
             bool(self.intervention),
         )
+
+
+def _alternative(number: int, value: Any, players: int) -> Alternative:
+    where = f"alternatives[{number}]"
+    if not isinstance(value, Alternative):
+        raise ValueError(f"overlay.{where}: is {value!r}; expected an Alternative")
+    for player in value.predicted:
+        if player not in range(players):
+            raise ValueError(
+                f"overlay.{where}.predicted: {player!r} is no player; players are 0..{players - 1}"
+            )
+    weight = _number(f"{where}.weight", value.weight)
+    if not 0.0 <= weight <= 1.0:
+        raise ValueError(f"overlay.{where}.weight: is {weight:g}; expected 0 to 1")
+    paths = {i: _path(f"{where}.predicted[{i}]", path) for i, path in value.predicted.items()}
+    return Alternative(str(value.name), weight, paths)
 
 
 def _numeric(name: str, value: Any, shape: str) -> np.ndarray:

@@ -126,6 +126,11 @@ def _trajectories(canvas: Canvas, frame: Frame) -> None:
     for i, path in enumerate(frame.planned):
         if i not in frame.controlled:
             canvas.fading(path, _opacity(len(path), frame.gamma[i]), COLOURS[i], width=1.5)
+    likely = max((a.weight for a in frame.overlay.alternatives), default=0.0)
+    for alternative in frame.overlay.alternatives:
+        if alternative.weight < likely:
+            for i, path in alternative.predicted.items():
+                canvas.fading(path, np.ones(len(path)), COLOURS[i], width=1.5, dashed=True)
     for i, path in frame.overlay.predicted.items():
         gamma, _ = frame.overlay.gammas.get(i, (1.0, 0.0))
         canvas.fading(path, _opacity(len(path), gamma), COLOURS[i], width=3, dashed=True)
@@ -189,6 +194,16 @@ def _legend(canvas: Canvas, frame: Frame) -> float:
     if {"true plan", "prediction", "own plan"} & set(kinds):
         canvas.text("plans fade as they weigh less", (left, y), size=13, colour=FAINT)
         y += 20
+    if frame.overlay.alternatives:
+        y += 8
+        canvas.text("agent's hypotheses", (left, y), size=15)
+        y += 22
+        likely = max(a.weight for a in frame.overlay.alternatives)
+        for alternative in frame.overlay.alternatives:
+            drawn = "bold" if alternative.weight == likely else "thin"
+            told = f"{alternative.name}: {alternative.weight:.0%}, {drawn}"
+            canvas.text(told, (left + 10, y), size=13, colour=DARK)
+            y += 18
     return y + 16
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from foresight_env.envs import crosswalk_v0
-from foresight_env.envs.rendering.overlay import Overlay
+from foresight_env.envs.rendering.overlay import Alternative, Overlay
 
 EGO = "pedestrian_0"
 ACTIONS = {EGO: np.array([-5.0, -5.0], dtype=np.float32)}
@@ -57,9 +57,10 @@ def test_drawing_does_not_change_the_episode():
         Overlay(planned=PATH),
         Overlay(gammas={1: (0.7, 0.1)}),
         Overlay(truth_gammas={1: 0.6}),
+        Overlay(alternatives=(Alternative("a", 0.7, {}), Alternative("b", 0.3, {1: PATH}))),
         Overlay(predicted={1: PATH[:1]}, planned=PATH[:0], gammas={0: (1.4, 3.0)}),
     ],
-    ids=["predicted", "planned", "gammas", "truth", "degenerate"],
+    ids=["predicted", "planned", "gammas", "truth", "alternatives", "degenerate"],
 )
 def test_overlays_are_drawn_until_reset(overlay):
     env = make()
@@ -85,6 +86,9 @@ def test_overlays_are_copied():
         ("overlay", {"planned": PATH}),
         ("planned", Overlay(planned=PATH[:, :1])),
         ("predicted", Overlay(predicted={2: PATH})),
+        ("alternatives", Overlay(alternatives=(Alternative("a", 1.5, {1: PATH}),))),
+        ("alternatives", Overlay(alternatives=(Alternative("a", 0.5, {2: PATH}),))),
+        ("alternatives", Overlay(alternatives=("a",))),
         ("predicted", Overlay(predicted={1: PATH * np.nan})),
         ("predicted", Overlay(predicted=[PATH])),
         ("gammas", Overlay(gammas={1: 0.5})),

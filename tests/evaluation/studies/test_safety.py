@@ -10,7 +10,7 @@ from evaluation.reports.safety import print_safety
 from evaluation.rollout.endings import COLLISION, OFF_ROAD, REACHED, TIME_OUT
 from evaluation.rollout.places import SETTINGS
 from evaluation.rollout.setting import RunSetting
-from evaluation.studies.safety import possible, setting_under, study, summarise
+from evaluation.studies.safety import RECORDED, possible, setting_under, study, summarise
 
 
 def row(ego, seed, ended, **others):
@@ -89,3 +89,16 @@ def test_a_study_runs_and_is_resumed(monkeypatch, tmp_path):
     assert not any(r["error"] for r in rows)
     again = study(tmp_path, ("short",), surprises, ("constant-velocity",), range(2), workers=0)
     assert again == rows
+
+
+def test_a_study_among_recorded_agents(tmp_path):
+    egos, surprises = ("constant-velocity",), ("none", "idm")
+    rows = study(tmp_path, (RECORDED,), surprises, egos, range(5), workers=0)
+    # As many as the made recording has; no highway-env vehicles among them.
+    assert [(r["surprise"], r["seed"]) for r in rows] == [("none", 0), ("none", 1)]
+    assert not any(r["error"] for r in rows)
+    with pytest.raises(ValueError, match="scenario: is 'recorded'"):
+        setting_under(RECORDED, "none").make()
+    console = Console(width=120, record=True, file=StringIO())
+    print_safety(console, rows, (RECORDED,), surprises, egos)
+    assert "ignore the ego" in console.export_text()
