@@ -33,6 +33,8 @@ TOLERANCE = 1e-3
 """Largest gradient of an equilibrium: of squared metres by coefficients in metres."""
 REGULARISATION = 1e-4
 """Added to the diagonal of Newton's matrix."""
+MOST_RESPONSE = 1e3
+"""A game is nearly singular where gradients of 1 change a coefficient by this, m."""
 NO_LENGTH = 1e-2
 """Distances are at least this, in units of the ellipse, so that they have derivatives: recordings
 have agents twice, on top of each other."""
@@ -266,16 +268,18 @@ def _solution_jvp(
 ) -> tuple[SmoothEquilibrium, SmoothEquilibrium]:
     """Implicit function theorem on `gradients = 0`; the preferred motion's where it was not solved.
 
-    Nothing of a game that was not solved enters a derivative: it may hold NaN.
+    Nothing of a game that was not solved, or is nearly singular, enters a derivative.
     """
     game, basis = primals
     strategy, solved = _solution(game, basis)
     change = jax.jvp(lambda g, b: gradients(g, strategy, b), primals, tangents)[1]
     matrix = _jacobian(game, strategy, basis, jnp.ones(()))
     eye = jnp.eye(len(matrix), dtype=matrix.dtype)
-    change = jnp.where(solved, change, 0.0).ravel()
-    implied = -jnp.linalg.solve(jnp.where(solved, matrix, eye), change)
+    probe = jnp.max(jnp.abs(jnp.linalg.solve(matrix, jnp.ones_like(matrix[0]))))
+    regular = solved & (probe < MOST_RESPONSE)
+    change = jnp.where(regular, change, 0.0).ravel()
+    implied = -jnp.linalg.solve(jnp.where(regular, matrix, eye), change)
     preferred = jnp.asarray(tangents[0].preferred)
-    slope = jnp.where(solved, implied.reshape(strategy.shape), preferred)
+    slope = jnp.where(regular, implied.reshape(strategy.shape), preferred)
     nothing: Any = np.zeros(solved.shape, dtype=jax.dtypes.float0)
     return SmoothEquilibrium(strategy, solved), SmoothEquilibrium(slope, nothing)
