@@ -29,6 +29,9 @@ MOST_PLAYED = 1500
 CLOSE = 1.0
 """Distance of the surfaces of bodies in straight motion below which agents come close, m."""
 
+TWICE = 0.05
+"""Agents that stay nearer to each other than this are one agent, m."""
+
 
 def leave_one_out(data: Path, held_out: str) -> TrainingData:
     """Return examples of all scenes of the ETH/UCY protocol but one.
@@ -102,15 +105,20 @@ def _stack(examples: Iterable[Example]) -> Example:
 
 
 def close(examples: Example) -> Bool[np.ndarray, "S"]:
-    """Return in which examples two agents come close if both go straight on."""
+    """Return in which examples two agents come close if both go straight on.
+
+    Not those in which an agent was recorded twice: a game between the two has no solution.
+    """
     frames, bodies = examples.scene.frames, examples.scene.bodies
     path = _straight(np.asarray(frames.place), np.asarray(frames.velocity))
-    gap = np.linalg.norm(path[:, :, None] - path[:, None], axis=-1).min(axis=-1)
+    distance = np.linalg.norm(path[:, :, None] - path[:, None], axis=-1)
+    gap = distance.min(axis=-1)
     radius = np.asarray(bodies.half_length)
     gap = gap - radius[:, :, None] - radius[:, None]
     there = np.asarray(bodies.there)
     pairs = there[:, :, None] & there[:, None] & ~np.eye(there.shape[1], dtype=bool)
-    return np.asarray((pairs & (gap < CLOSE)).any(axis=(1, 2)))
+    twice = (pairs & (distance.max(axis=-1) < TWICE)).any(axis=(1, 2))
+    return np.asarray((pairs & (gap < CLOSE)).any(axis=(1, 2)) & ~twice)
 
 
 def _straight(
