@@ -97,7 +97,7 @@ def test_a_predictor_has_the_name_that_it_is_registered_by(name):
         (make_predictor, "own_agents:Missing", "'own_agents' has no 'Missing'"),
         (make_predictor, "own_agents:number", "is a int; expected something with name and predict"),
         (make_ego, "own_agents:ready", "expected something with name, init, update and act"),
-        (make_predictor, "magic", "predictor: 'magic' is unknown; choose from encounter-game"),
+        (make_predictor, "magic", "predictor: 'magic' is unknown; choose from hybrid-game"),
         (make_ego, "magic", "ego: 'magic' is unknown; choose from oracle"),
         (make_ego, "magic+plan", "predictor: 'magic' is unknown"),
         (make_predictor, "own_agents:Needy", "cannot be made without arguments"),
