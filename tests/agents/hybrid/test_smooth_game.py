@@ -1,11 +1,15 @@
 """Games between smooth strategies: by definition, by differences, against the general solver."""
 
+from dataclasses import dataclass
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from agents.hybrid.smooth_game import (
+    NO_LENGTH,
+    Basis,
     Bodies,
     Frames,
     SmoothGame,
@@ -16,6 +20,11 @@ from agents.hybrid.smooth_game import (
     positions,
 )
 from agents.hybrid.strategies import GAME_BASIS as BASIS
+from foresight_env.equilibrium import Status, solve
+from foresight_env.games import DoubleIntegrator, Effort, ExponentialPerSecond, Game, Player
+
+STEP = 0.4
+"""s."""
 
 
 @pytest.fixture(autouse=True)
@@ -111,3 +120,71 @@ def test_a_game_without_a_solution_falls_back_to_the_preferred_motion():
     found = equilibrium(game, BASIS)
     assert not found.solved
     np.testing.assert_array_equal(found.strategy, game.preferred)
+
+
+@dataclass(frozen=True)
+class Track:
+    """`|p - line|^2`, the line of straight motion from `place` with `velocity`."""
+
+    def __call__(self, i, t, x, u, theta):
+        line = theta["place"] + t * STEP * theta["velocity"]
+        return jnp.sum((x[i][:2] - line) ** 2)
+
+
+@dataclass(frozen=True)
+class Room:
+    """`conflict * depth^2` of all others in circles, as smooth games have them."""
+
+    players: int
+
+    def __call__(self, i, t, x, u, theta):
+        found = 0.0
+        for j in range(self.players):
+            if j != i:
+                width = theta["width"]
+                rho = jnp.sqrt(jnp.sum((x[i][:2] - x[j][:2]) ** 2) / width**2 + NO_LENGTH**2)
+                found += theta["conflict"] * (jnp.maximum(1.0 - rho, 0.0) * width) ** 2
+        return found
+
+
+def test_with_free_accelerations_it_is_the_equilibrium_of_the_general_solver():
+    """Strategies of one acceleration per step and axis are those of a double integrator."""
+    steps = 12
+    number = np.arange(steps)
+    # Acceleration b acts from b to b + 1 and moves the agent from then on.
+    late = number[:, None] - number[None] + 0.5
+    basis = Basis(STEP * (number + 1.0), np.where(late > 0.0, STEP**2 * late, 0.0), np.eye(steps))
+    game = crossing(conflict=20.0)
+    game = game._replace(preferred=jnp.zeros((3, steps, 2)))
+    found = equilibrium(game, basis)
+    assert found.solved
+    frames, traits = game.frames, game.traits
+    players = tuple(
+        Player(
+            DoubleIntegrator(STEP),
+            (Track(), Effort("effort"), Room(3)),
+            discounting=ExponentialPerSecond(STEP),
+        )
+        for _ in range(3)
+    )
+    theta = [
+        {
+            "place": frames.place[i],
+            "velocity": frames.velocity[i],
+            "effort": traits.effort[i],
+            "conflict": traits.conflict[i],
+            "width": 0.6 + traits.margin[i],
+        }
+        for i in range(3)
+    ]
+    states = [jnp.concatenate([frames.place[i], frames.velocity[i]]) for i in range(3)]
+    mine = np.asarray(positions(frames, found.strategy, basis))
+    controls = np.einsum("aik,abk->abi", frames.rotation, found.strategy)
+    solved = solve(
+        Game(players, steps, (), STEP), states, theta, list(traits.gamma),
+        initial_guess=list(np.asarray(controls)),
+    )  # fmt: skip
+    assert int(solved.status) == Status.SOLVED
+    theirs = np.stack([np.asarray(x)[1:, :2] for x in solved.states])
+    assert np.abs(theirs - np.asarray(positions(frames, game.preferred, basis))).max() > 0.1
+    np.testing.assert_allclose(mine, theirs, atol=2e-3)
