@@ -155,7 +155,5 @@ def test_wrong_histories_and_names():
         parts = {name: getattr(good, name) for name in History.__dataclass_fields__}
         with pytest.raises(ValueError, match=told):
             History(**{**parts, **change})
-    with pytest.raises(
-        ValueError, match="predictor: 'magic' is unknown; choose from encounter-game"
-    ):
+    with pytest.raises(ValueError, match="predictor: 'magic' is unknown; choose from hybrid-game"):
         make_predictor("magic")
