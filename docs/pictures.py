@@ -10,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import matplotlib
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image, ImageDraw, ImageFont, ImageSequence
 
 from evaluation.reports.episode_pictures import draw_episode, overlay_of
 from evaluation.rollout.endings import ending
@@ -104,15 +104,34 @@ def comparison() -> Path:
         both = Image.new("RGB", (2 * parts[0].width + gap, parts[0].height), "white")
         for number, part in enumerate(parts):
             both.paste(part, (number * (part.width + gap), 0))
-        size = (round(SCALE * both.width), round(SCALE * both.height))
-        small = both.resize(size, Image.Resampling.LANCZOS)
-        films.append(small.quantize(64, Image.Quantize.FASTOCTREE))
-    buffer = io.BytesIO()
+        films.append(both)
     durations = [FRAME_MILLISECONDS] * (length - 1) + [round(1e3 * HOLD_SECONDS)]
-    films[0].save(buffer, "gif", save_all=True, append_images=films[1:], duration=durations, loop=0)
     path = FOLDER / "comparison.gif"
-    write_atomically(path, buffer.getvalue())
+    write_film(path, films, durations)
     return path
+
+
+def write_film(path: Path, pictures: list[Image.Image], durations: list[int]) -> None:
+    """Write a film of `SCALE` times the pictures' size in 64 colours; durations in ms."""
+    films = [
+        picture.resize(
+            (round(SCALE * picture.width), round(SCALE * picture.height)), Image.Resampling.LANCZOS
+        ).quantize(64, Image.Quantize.FASTOCTREE)
+        for picture in pictures
+    ]
+    buffer = io.BytesIO()
+    films[0].save(buffer, "gif", save_all=True, append_images=films[1:], duration=durations, loop=0)
+    write_atomically(path, buffer.getvalue())
+
+
+def reduce(film: Path, path: Path) -> None:
+    """Write a smaller film of the same pictures and durations."""
+    with Image.open(film) as drawn:
+        pictures, durations = [], []
+        for frame in ImageSequence.Iterator(drawn):
+            pictures.append(frame.convert("RGB"))
+            durations.append(int(frame.info["duration"]))
+    write_film(path, pictures, durations)
 
 
 PLACES = {
@@ -129,7 +148,7 @@ def places() -> list[Path]:
     for name, (setting, seed) in PLACES.items():
         drawn = draw_episode("infer-gamma", seed, setting, FOLDER / "film")
         path = FOLDER / f"{name}.gif"
-        drawn.animation.replace(path)
+        reduce(drawn.animation, path)
         for other in (FOLDER / "film").iterdir():
             other.unlink()
         (FOLDER / "film").rmdir()

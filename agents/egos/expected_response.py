@@ -3,7 +3,8 @@
 Within a hypothesis the others follow given paths, whatever the ego does. One plan serves all
 hypotheses: it is made again at every step, with other weights. Plans with a branch per hypothesis
 after common first stages (Peters et al., "Contingency games for multi-agent interaction", RA-L
-2024) cost the same in the closed loop and took two to three times as long (docs/design.md).
+2024) cost the same in the closed loop and took two to three times as long
+(docs/development/design.md).
 """
 
 from __future__ import annotations

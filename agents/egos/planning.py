@@ -36,7 +36,7 @@ def needs_longer_plan(scene: Scene, ego: int, state: Float[np.ndarray, "_"]) -> 
     """Whether an ego plans `LOOK_AHEAD` instead of the game's shorter horizon.
 
     It does unless it is a car that cannot stop within that time: at the merge, at 15 m/s, longer
-    plans cost more (docs/design.md).
+    plans cost more (docs/development/design.md).
     """
     if scene.game.horizon >= round(LOOK_AHEAD / scene.dt):
         return False

@@ -94,7 +94,6 @@ class PredictThenPlan:
             for j, player in enumerate(scene.game.players)
             if j != ego
         }
-        mine = scene.own(ego)
         decision, plan = plan_response(
             scene, ego, states[ego], mine.theta, own_gamma, predicted, memory.plan
         )

@@ -14,6 +14,7 @@ from agents.learned.features import AGENTS, Features, features_of, targets_of
 from evaluation.execution.store import Row
 from evaluation.rollout.episode import observed_states
 from evaluation.rollout.places import setting_of
+from evaluation.windows.complete import near_groups
 from evaluation.windows.interaction import (
     LEAST_OBSERVED,
     LEAST_PREDICTED,
@@ -28,8 +29,6 @@ LONG = 60.0
 training. Of shorter ones those of `VALIDATION` are kept from it as a whole."""
 VALIDATION_PART = 0.2
 VALIDATION = ("intersection_17",)
-REACH = 20.0
-"""Agents farther from the one that a scene is about are left out, m."""
 
 
 class Examples(NamedTuple):
@@ -109,12 +108,9 @@ def _moment(recording: Recording, grid: Grid, frame: int) -> Iterator[Examples]:
     window = observed_window(recording, names, begin, grid.observed, grid.every)
     later = recording.window(names, frame + grid.every, grid.predicted, grid.every)
     now = window.states[-1, :, :2]
-    waiting = [i for i in range(len(names)) if np.isfinite(window.states[-1, i]).all()]
-    ready = list(waiting)
-    while waiting:
-        away = np.linalg.norm(now[ready] - now[waiting[0]], axis=1)
-        group = [ready[k] for k in np.argsort(away, kind="stable") if away[k] <= REACH][:AGENTS]
-        waiting = [i for i in waiting if i not in group]
+    ready = np.flatnonzero(np.isfinite(window.states[-1]).all(axis=1))
+    for near, _ in near_groups(now[ready], len(ready), AGENTS):
+        group = ready[near]
         history = History(
             window.states[:, group],
             window.headings[:, group],

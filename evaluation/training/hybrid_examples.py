@@ -17,11 +17,10 @@ from agents.learned.features import AGENTS
 from evaluation.execution.store import Row
 from evaluation.rollout.episode import observed_states
 from evaluation.rollout.places import setting_of
+from evaluation.windows.complete import near_groups
 from evaluation.windows.interaction import LEAST_OBSERVED, LEAST_PREDICTED, STEP_SECONDS, Grid
 from foresight_env.datasets import Recording, RouteMemory, observed_window
 
-REACH = 20.0
-"""Agents farther from the one that a scene is about are left out, m."""
 LEAST_SEEN = 2
 """Observations of an agent that is in a scene for the others' sake."""
 
@@ -81,26 +80,20 @@ def _moment(
     )
     later = recording.window(names, frame + grid.every, steps, grid.every).states[..., :2]
     seen = ~np.isnan(window.states).any(axis=2)
-    ready = [i for i in range(len(names)) if seen[-LEAST_SEEN:, i].all()]
-    waiting = [
-        i
-        for i in ready
-        if seen[-LEAST_OBSERVED:, i].all() and not np.isnan(later[:LEAST_PREDICTED, i]).any()
-    ]
+    counts = seen[-LEAST_OBSERVED:].all(axis=0) & ~np.isnan(later[:LEAST_PREDICTED]).any((0, 2))
+    context = seen[-LEAST_SEEN:].all(axis=0) & ~counts
+    ready = np.concatenate([np.flatnonzero(counts), np.flatnonzero(context)])
     known = routes.before(frame)
-    context = Context(tuple(r.path for r in known), np.array([r.frequency for r in known]))
-    now = window.states[-1, :, :2]
-    while waiting:
-        away = np.linalg.norm(now[ready] - now[waiting[0]], axis=1)
-        group = [ready[k] for k in np.argsort(away, kind="stable") if away[k] <= REACH][:agents]
-        waiting = [i for i in waiting if i not in group]
+    routes_seen = Context(tuple(r.path for r in known), np.array([r.frequency for r in known]))
+    for near, _ in near_groups(window.states[-1, ready, :2], int(counts.sum()), agents):
+        group = ready[near]
         history = History(
             window.states[:, group],
             window.headings[:, group],
             tuple(window.kinds[i] for i in group),
             window.extents[group],
             grid.dt,
-            context,
+            routes_seen,
         )
         yield example_of(history, later[:, group], agents)
 

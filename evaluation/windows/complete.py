@@ -108,18 +108,19 @@ def histories_at(
 
 
 def near_groups(
-    places: Float[np.ndarray, "N 2"], count: int
+    places: Float[np.ndarray, "N 2"], count: int, most: int = MOST_AGENTS
 ) -> list[tuple[list[int], Bool[np.ndarray, "_"]]]:
     """Return groups of agents near each other, and which of a group count in it.
 
-    Each of the first `count` agents counts once; the others never. `places`: now, m.
+    Each of the first `count` agents counts once; the others never. `places`: now, m. `most`: agents
+    of a group.
     """
     waiting = list(range(count))
     found = []
     while waiting:
         away = np.linalg.norm(places - places[waiting[0]], axis=1)
         away[waiting[0]] = -1.0  # first, even where another agent stands at the same place
-        group = [int(k) for k in np.argsort(away, kind="stable") if away[k] <= REACH][:MOST_AGENTS]
+        group = [int(k) for k in np.argsort(away, kind="stable") if away[k] <= REACH][:most]
         found.append((group, np.array([i in waiting for i in group])))
         waiting = [i for i in waiting if i not in group]
     return found
