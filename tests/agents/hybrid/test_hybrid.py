@@ -1,6 +1,7 @@
 """The network, the window's inverse game and the predictor: invariances, and known answers."""
 
 from dataclasses import replace
+from functools import partial
 
 import equinox as eqx
 import jax
@@ -20,6 +21,8 @@ from agents.interfaces.predictor import Context, History
 from agents.learned.features import STEP
 
 PLACES = 4
+EQUILIBRIUM = jax.jit(equilibrium)
+WINDOW = jax.jit(explained)
 
 
 def walkers(seed=0, steps=8, kinds=("pedestrian",) * 3, gap=1.5):
@@ -53,10 +56,16 @@ def moved(history, turn, shift):
     return replace(history, states=states)
 
 
+@partial(jax.jit, static_argnames="use")
+def solved_futures(scene, use=GameUse()):
+    """Futures of the random network, and their paths."""
+    found = joint_futures(network(), scene, use)
+    return found, jax.vmap(lambda z: positions(scene.frames, z, GAME_BASIS))(found.strategy)
+
+
 def paths(history, use=GameUse(), places=PLACES):
     scene, middle = scene_of(history, places)
-    found = joint_futures(network(), scene, use)
-    path = jax.vmap(lambda z: positions(scene.frames, z, GAME_BASIS))(found.strategy)
+    found, path = solved_futures(scene, use)
     return np.asarray(path)[:, : len(history.kinds)] + middle, found
 
 
@@ -98,7 +107,7 @@ def test_games_keep_agents_apart_that_their_proposals_do_not():
     frames = scene.frames
     traits = traits_of(jnp.tile(jnp.array([2.0, -2.0, 1.1, -0.4]), (PLACES, 1)))
     straight = jnp.zeros((PLACES, 4, 2))
-    found = equilibrium(SmoothGame(frames, scene.bodies, traits, straight), GAME_BASIS)
+    found = EQUILIBRIUM(SmoothGame(frames, scene.bodies, traits, straight), GAME_BASIS)
     assert found.solved
 
     def least(strategy):
@@ -122,13 +131,13 @@ def test_the_window_prefers_the_traits_that_it_was_made_with(polite):
     ignores = makes_way.at[:, 2].set(-6.0)
     truth, other = (makes_way, ignores) if polite else (ignores, makes_way)
     game = SmoothGame(start, scene.bodies, traits_of(truth), jnp.zeros((PLACES, 4, 2)))
-    solved = equilibrium(game, GAME_BASIS)
+    solved = EQUILIBRIUM(game, GAME_BASIS)
     assert solved.solved
     made = positions(start, solved.strategy, GAME_BASIS)[:, :7]
     window = jnp.concatenate([start.place[:, None], made], axis=1)
     scene = scene._replace(window=np.asarray(window))
     noise = jnp.asarray(0.02)
-    right, wrong = (explained(scene, numbers, noise) for numbers in (truth, other))
+    right, wrong = (WINDOW(scene, numbers, noise) for numbers in (truth, other))
     assert float(right.evidence) > float(wrong.evidence) + 2.0
     for found in (right, wrong):
         assert (np.asarray(found.deviation) <= 1.0 + 1e-5).all()
@@ -140,9 +149,9 @@ def test_the_window_prefers_the_traits_that_it_was_made_with(polite):
 
 def test_without_inference_discount_factors_are_one():
     scene, _ = scene_of(walkers(), PLACES)
-    found = joint_futures(network(), scene, GameUse(infer=False))
+    found, _ = solved_futures(scene, GameUse(infer=False))
     np.testing.assert_allclose(found.traits.gamma, 1.0, atol=1e-6)
-    inferred = joint_futures(network(), scene, GameUse())
+    inferred, _ = solved_futures(scene)
     assert (np.asarray(inferred.traits.gamma) < 0.99).all()
 
 
@@ -150,8 +159,9 @@ def test_a_game_that_fails_leaves_the_proposal():
     scene, _ = scene_of(walkers(), PLACES)
     proposals = network()(scene)
     broken = proposals._replace(traits=proposals.traits.at[..., 2].set(jnp.nan))
-    found = play(broken, scene, GameUse(window=False))
-    alone = play(proposals, scene, GameUse(game=False))
+    made = jax.jit(play, static_argnames="use")
+    found = made(broken, scene, use=GameUse(window=False))
+    alone = made(proposals, scene, use=GameUse(game=False))
     assert np.isfinite(np.asarray(found.strategy)[:, :3]).all()
     assert not np.asarray(found.solved).any() or np.isfinite(found.logits).all()
     np.testing.assert_allclose(found.preferred[:, :3], alone.preferred[:, :3])
@@ -167,18 +177,19 @@ def test_the_loss_has_finite_derivatives_and_falls_along_its_gradient():
     start = network()
 
     @eqx.filter_jit
-    def loss(model):
+    @eqx.filter_value_and_grad
+    def loss(model, example):
         total, count = futures_loss(model, example, GameUse())
         return total / count
 
-    value, slope = eqx.filter_value_and_grad(loss)(start)
+    value, slope = loss(start, example)
     flat = jnp.concatenate([v.ravel() for v in jax.tree.leaves(eqx.filter(slope, eqx.is_array))])
     assert np.isfinite(np.asarray(flat)).all()
     step = 1e-3 / float(jnp.linalg.norm(flat))
     nearer = eqx.apply_updates(start, jax.tree.map(lambda v: -step * v, slope))
-    assert float(loss(nearer)) < float(value)
+    assert float(loss(nearer, example)[0]) < float(value)
     changed = augmented(example, jax.random.key(1))
-    assert np.isfinite(float(futures_loss(start, changed, GameUse())[0]))
+    assert np.isfinite(float(loss(start, changed)[0]))
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -25,6 +25,7 @@ from foresight_env.games import DoubleIntegrator, Effort, ExponentialPerSecond, 
 
 STEP = 0.4
 """s."""
+COST, GRADIENTS, EQUILIBRIUM = map(jax.jit, (cost, gradients, equilibrium))
 
 
 @pytest.fixture(autouse=True)
@@ -63,11 +64,11 @@ def test_gradients_and_newtons_matrix_are_derivatives_of_the_costs(vehicle):
 
     game = crossing(vehicle=vehicle)
     strategy = game.preferred + 0.02
-    whole = jax.jacobian(cost, argnums=1)(game, strategy, BASIS)
+    whole = jax.jacobian(COST, argnums=1)(game, strategy, BASIS)
     own = jnp.stack([whole[i, i] for i in range(3)])
-    np.testing.assert_allclose(gradients(game, strategy, BASIS), own, atol=1e-9)
+    np.testing.assert_allclose(GRADIENTS(game, strategy, BASIS), own, atol=1e-9)
     count = own.size
-    matrix = jax.jacobian(gradients, argnums=1)(game, strategy, BASIS).reshape(count, count)
+    matrix = jax.jacobian(GRADIENTS, argnums=1)(game, strategy, BASIS).reshape(count, count)
     found = _jacobian(game, strategy, BASIS, jnp.ones(()))
     np.testing.assert_allclose(found, matrix, atol=1e-3)  # up to the regularisation
 
@@ -75,23 +76,23 @@ def test_gradients_and_newtons_matrix_are_derivatives_of_the_costs(vehicle):
 @pytest.mark.parametrize("vehicle", [False, True])
 def test_no_agent_gains_by_another_strategy(vehicle):
     game = crossing(vehicle=vehicle)
-    found = equilibrium(game, BASIS)
+    found = EQUILIBRIUM(game, BASIS)
     assert found.solved
-    best = cost(game, found.strategy, BASIS)
+    best = COST(game, found.strategy, BASIS)
     assert float(jnp.abs(found.strategy - game.preferred).max()) > 1e-2  # they do meet
     for seed in range(30):
         noise = 10.0 ** -(seed % 3) * jax.random.normal(jax.random.key(seed), game.preferred.shape)
         for i in range(3):
             other = found.strategy.at[i].add(0.05 * noise[i])
-            assert cost(game, other, BASIS)[i] >= best[i] - 1e-9
+            assert COST(game, other, BASIS)[i] >= best[i] - 1e-9
 
 
 def test_who_meets_no_one_moves_as_preferred():
     game = crossing(conflict=0.0)
-    np.testing.assert_allclose(equilibrium(game, BASIS).strategy, game.preferred, atol=1e-12)
+    np.testing.assert_allclose(EQUILIBRIUM(game, BASIS).strategy, game.preferred, atol=1e-12)
     empty = crossing()
     empty = empty._replace(bodies=empty.bodies._replace(there=jnp.array([True, False, False])))
-    np.testing.assert_allclose(equilibrium(empty, BASIS).strategy, empty.preferred, atol=1e-12)
+    np.testing.assert_allclose(EQUILIBRIUM(empty, BASIS).strategy, empty.preferred, atol=1e-12)
 
 
 def test_derivatives_of_the_equilibrium_by_differences():
@@ -100,7 +101,7 @@ def test_derivatives_of_the_equilibrium_by_differences():
     def final(gamma, margin, preferred):
         traits = game.traits._replace(gamma=gamma, margin=margin)
         changed = game._replace(traits=traits, preferred=preferred)
-        return positions(game.frames, equilibrium(changed, BASIS).strategy, BASIS)[:, -4:].sum(1)
+        return positions(game.frames, EQUILIBRIUM(changed, BASIS).strategy, BASIS)[:, -4:].sum(1)
 
     at = game.traits.gamma, game.traits.margin, game.preferred
     exact = jax.jacobian(final, argnums=(0, 1, 2))(*at)
@@ -117,7 +118,7 @@ def test_derivatives_of_the_equilibrium_by_differences():
 
 def test_a_game_without_a_solution_falls_back_to_the_preferred_motion():
     game = crossing(conflict=jnp.nan)
-    found = equilibrium(game, BASIS)
+    found = EQUILIBRIUM(game, BASIS)
     assert not found.solved
     np.testing.assert_array_equal(found.strategy, game.preferred)
 
@@ -156,7 +157,7 @@ def test_with_free_accelerations_it_is_the_equilibrium_of_the_general_solver():
     basis = Basis(STEP * (number + 1.0), np.where(late > 0.0, STEP**2 * late, 0.0), np.eye(steps))
     game = crossing(conflict=20.0)
     game = game._replace(preferred=jnp.zeros((3, steps, 2)))
-    found = equilibrium(game, basis)
+    found = EQUILIBRIUM(game, basis)
     assert found.solved
     frames, traits = game.frames, game.traits
     players = tuple(
