@@ -23,6 +23,8 @@ from agents.learned.weights import FOLDER, load_network
 from agents.predictors.kinematic import ConstantVelocityPredictor
 
 NAME = "hybrid-game"
+SIMULATED = "simulated"
+"""Folder of the weights that have learned from episodes."""
 PLACES = (2, 4, AGENTS)
 """Numbers of places for agents that programs are compiled for."""
 IDENTIFIED = 0.5
@@ -71,7 +73,9 @@ class HybridPredictor:
     """A network's proposals, made equilibria of a game whose traits the window corrects."""
 
     weights: str = ""
-    """A .safetensors file of `foresight train hybrid-game`; empty: the shipped one."""
+    """A .safetensors file of `foresight train hybrid-game`; empty: the shipped one of recordings,
+    or that of episodes where the place's game is known (`History.context.game`), as in the
+    environments."""
     game: GameBetween = "infer-gamma"
     """Game between the proposals: "infer-gamma", "assume-gamma-1" or "none"."""
 
@@ -96,7 +100,7 @@ class HybridPredictor:
         paths = np.asarray(path, dtype=float)[:, :count].swapaxes(1, 2) + middle
         spread = np.asarray(deviations(found.spread, basis), dtype=float)[:, :count]
         rotation = np.asarray(scene.frames.rotation, dtype=float)[:count]
-        calibration = float(self._network[1]["calibration"])
+        calibration = float(self._network(history)[1]["calibration"])
         covariance = np.einsum(
             "aij,matj,alj->mtail", rotation, (calibration * spread) ** 2, rotation
         )
@@ -142,14 +146,16 @@ class HybridPredictor:
             float(np.mean(np.asarray(found.solved))),
         )
 
-    @property
-    def _network(self) -> tuple[ProposalNetwork, dict[str, Any]]:
-        return _loaded(Path(self.weights) if self.weights else FOLDER / f"{NAME}.safetensors")
+    def _network(self, history: History) -> tuple[ProposalNetwork, dict[str, Any]]:
+        if self.weights:
+            return _loaded(Path(self.weights))
+        folder = FOLDER if history.context.game is None else FOLDER / SIMULATED
+        return _loaded(folder / f"{NAME}.safetensors")
 
     def _solved(self, history: History) -> tuple[Scene, Float[np.ndarray, "2"], JointFutures]:
         places = next(p for p in PLACES if p >= min(len(history.kinds), AGENTS))
         scene, middle = scene_of(history, places)
-        return scene, middle, _futures(self._network[0], scene, USES[self.game][1])
+        return scene, middle, _futures(self._network(history)[0], scene, USES[self.game][1])
 
 
 def _gammas(found: JointFutures, count: int) -> tuple[np.ndarray, np.ndarray]:

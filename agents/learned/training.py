@@ -28,6 +28,13 @@ Loss = Callable[[Any, Any], tuple[Any, Any]]
 """From a network and one example (a PyTree of arrays): a loss, and how much it counts."""
 Augment = Callable[[Any, Any], Any]
 """From one example and a random key: another example that is as true."""
+Trainable = Callable[[Any], Any]
+"""From a network a PyTree of booleans like it: the arrays that training changes."""
+
+
+def every_array(network: Any) -> Any:
+    """Return that all arrays of a network are trained."""
+    return jax.tree.map(eqx.is_array, network)
 
 
 @dataclass(frozen=True)
@@ -75,13 +82,15 @@ def train(
     schedule: Schedule = Schedule(),
     *,
     augment: Augment | None = None,
+    trainable: Trainable = every_array,
     on_epoch: Callable[[Epoch], None] = lambda epoch: None,
 ) -> Trained:
     """Train what `make(key)` makes, with checkpoints in `folder`; resume from the last one.
 
     `examples`, `validation`: PyTrees of NumPy arrays with a leading axis. `augment`: changes every
-    example of a batch; validation uses the examples as they are. `on_epoch`: is called with every
-    epoch as it ends. `ValueError` where the folder holds the training of something else.
+    example of a batch; validation uses the examples as they are. `trainable`: the arrays that are
+    changed. `on_epoch`: is called with every epoch as it ends. `ValueError` where the folder
+    holds the training of something else.
     """
     count = len(jax.tree.leaves(examples)[0])
     if count < 1 or len(jax.tree.leaves(validation)[0]) < 1:
@@ -91,11 +100,12 @@ def train(
     batch = min(schedule.batch, count)
     steps = count // batch
     optimiser = _optimiser(schedule, steps)
-    blank = (start, optimiser.init(eqx.filter(start, eqx.is_array)), start)
+    mask = trainable(start)
+    blank = (start, optimiser.init(eqx.filter(start, mask)), start)
     about = {"schedule": asdict(schedule), "data": _digest((examples, validation))}
     checkpoint = Checkpoint(folder, about)
     (network, state, best), curve = checkpoint.load(blank)
-    run_epoch = _epoch(loss, optimiser, augment)
+    run_epoch = _epoch(loss, optimiser, augment, mask)
     judge = eqx.filter_jit(lambda network, data: _mean(loss, network, data))
     while len(curve) < schedule.epochs and not is_tired(curve, schedule.patience):
         number = len(curve)
@@ -142,10 +152,10 @@ def _optimiser(schedule: Schedule, steps: int) -> Any:
     return optax.chain(optax.clip_by_global_norm(schedule.most_norm), adam)
 
 
-def _epoch(loss: Loss, optimiser: Any, augment: Augment | None) -> Any:
+def _epoch(loss: Loss, optimiser: Any, augment: Augment | None, mask: Any) -> Any:
     @eqx.filter_jit
     def run(network: Any, state: Any, examples: Any, order: Any, keys: Any) -> Any:
-        weights, rest = eqx.partition(network, eqx.is_array)
+        weights, rest = eqx.partition(network, mask)
 
         def step(carry: Any, chosen_rows: Any) -> Any:
             weights, state = carry

@@ -24,13 +24,18 @@ def arrays_of(tree: Any) -> dict[str, np.ndarray]:
 
 
 def with_arrays(tree: Any, arrays: dict[str, np.ndarray], what: str) -> Any:
-    """The tree with these arrays; `ValueError` where they do not fit."""
+    """The tree with these arrays; `ValueError` where they do not fit.
+
+    Arrays of half precision (`halved`) get the precision of the tree's.
+    """
     wanted = arrays_of(tree)
     if wanted.keys() != arrays.keys():
         odd = sorted(wanted.keys() ^ arrays.keys())[0]
         raise ValueError(f"{what}: is of another network ({odd}); train it again")
     for name, value in wanted.items():
         found = arrays[name]
+        if found.dtype == np.float16 and value.dtype == np.float32:
+            arrays = {**arrays, name: (found := found.astype(np.float32))}
         if found.shape != value.shape or found.dtype != value.dtype:
             raise ValueError(
                 f"{what}: {name} has shape {found.shape} of {found.dtype}; expected "
@@ -41,6 +46,23 @@ def with_arrays(tree: Any, arrays: dict[str, np.ndarray], what: str) -> Any:
         lambda path, leaf: jax.numpy.asarray(arrays[jax.tree_util.keystr(path)]), dynamic
     )
     return eqx.combine(flat, static)
+
+
+def halved(tree: Any) -> Any:
+    """The tree with its arrays of single precision rounded to half, so that files are smaller."""
+    return _converted(tree, np.float32, np.float16)
+
+
+def single(tree: Any) -> Any:
+    """The tree with its arrays of half precision in single precision."""
+    return _converted(tree, np.float16, np.float32)
+
+
+def _converted(tree: Any, old: Any, new: Any) -> Any:
+    def convert(leaf: Any) -> Any:
+        return leaf.astype(new) if eqx.is_array(leaf) and leaf.dtype == old else leaf
+
+    return jax.tree.map(convert, tree)
 
 
 def packed(tree: Any, about: dict[str, str] | None = None) -> bytes:

@@ -60,7 +60,10 @@ def train(
     ] = "results/episodes",
     data: Annotated[
         Path | None,
-        typer.Option(help="Folder of recordings; those that tests are made on are left out."),
+        typer.Option(
+            help="Folder of recordings; those that tests are made on are left out. hybrid-game "
+            "learns from these alone, or without them from episodes."
+        ),
     ] = None,
     hold_out: Annotated[
         str | None,
@@ -117,10 +120,12 @@ def train(
         out = out / hold_out
     if name == HYBRID:
         from evaluation.training.hybrid import PROPOSING, train_hybrid
-        from evaluation.training.hybrid_data import development, leave_one_out
+        from evaluation.training.hybrid_data import leave_one_out, recorded, simulated
 
-        if hold_out is None or data is None:
-            examples = development(folders, data)
+        if data is None:
+            examples = simulated(folders)
+        elif hold_out is None:
+            examples = recorded(data)
         else:
             examples = leave_one_out(data, hold_out)
         first = replace(PROPOSING, **chosen, seed=seed)

@@ -1,4 +1,8 @@
-"""Training data of `hybrid-game`: recordings and episodes, without those for tests."""
+"""Training data of `hybrid-game`: recordings or episodes, without those for tests.
+
+Not both: with episodes as well, predictions of recorded people became 2 to 3 % worse on clips
+that were held out, and those of vehicles up to 18 %.
+"""
 
 from __future__ import annotations
 
@@ -48,8 +52,8 @@ def leave_one_out(data: Path, held_out: str) -> TrainingData:
     return _both(examples)
 
 
-def development(episodes: Sequence[Path], data: Path | None) -> TrainingData:
-    """Return examples of recordings that settings are chosen on, and of episodes.
+def recorded(data: Path) -> TrainingData:
+    """Return examples of the recordings that settings are chosen on.
 
     Raises:
         ValueError: there are none.
@@ -63,6 +67,18 @@ def development(episodes: Sequence[Path], data: Path | None) -> TrainingData:
                 yield from recorded_examples(recording, places, PARTS[part])
             elif (part == "validation") == (recording.name in VALIDATION):
                 yield from recorded_examples(recording, places)
+
+    return _both(examples)
+
+
+def simulated(episodes: Sequence[Path]) -> TrainingData:
+    """Return examples of episodes.
+
+    Raises:
+        ValueError: there are none.
+    """
+
+    def examples(part: str, places: int) -> Iterable[Example]:
         for folder in episodes:
             for row in episodes_in(folder / part, part):
                 yield from simulated_examples(row, places)
@@ -70,9 +86,9 @@ def development(episodes: Sequence[Path], data: Path | None) -> TrainingData:
     return _both(examples)
 
 
-def _recordings(data: Path | None) -> list[Recording]:
+def _recordings(data: Path) -> list[Recording]:
     found = []
-    for directory, name in [] if data is None else recordings_below(data):
+    for directory, name in recordings_below(data):
         scene = scene_of(name or "")
         recording = open_recording(str(directory), recording=name)
         if scene is not None:

@@ -11,7 +11,7 @@ from agents.hybrid.futures import GameUse
 from agents.learned.weights import arrays_of
 from evaluation.training import hybrid_data
 from evaluation.training.hybrid import PROPOSING, TrainingData, anchors_of, learn_hybrid
-from evaluation.training.hybrid_data import CLOSE, PARTS, close, development, leave_one_out
+from evaluation.training.hybrid_data import CLOSE, PARTS, close, leave_one_out, recorded
 from evaluation.training.hybrid_examples import recorded_examples, stacked
 from evaluation.windows.eth_ucy import read_scene_file
 from tests.support.made_scenes import crossing, straight, write_scenes
@@ -47,16 +47,16 @@ def test_examples_are_what_was_recorded():
 def test_the_held_out_scene_is_left_out(data, monkeypatch):
     read = []
 
-    def recorded(recording, *args):
+    def examples(recording, *args):
         read.append(recording.name)
         return recorded_examples(recording, *args)
 
-    monkeypatch.setattr(hybrid_data, "recorded_examples", recorded)
+    monkeypatch.setattr(hybrid_data, "recorded_examples", examples)
     monkeypatch.setattr(hybrid_data, "LONG", 1.0)  # both parts are of every recording
     leave_one_out(data, "zara1")
     assert set(read) == {"eth", "hotel", "students03", "zara02"}
     read.clear()
-    development([], data)
+    recorded(data)
     assert set(read) == {"eth", "hotel", "students03", "zara01"}  # zara02 is for tests
 
 
