@@ -49,6 +49,7 @@ class TrainingData(NamedTuple):
     playing: Example
     proposing_validation: Example
     playing_validation: Example
+    calibration: Example
 
 
 def learn_hybrid(
@@ -109,7 +110,7 @@ def train_hybrid(
     found = found._replace(network=halved(found.network))
     about = {
         "network": HYBRID,
-        "calibration": calibration(single(found.network), data.playing_validation),
+        "calibration": calibration(single(found.network), data.calibration),
         "examples": len(data.proposing.known),
         "validation": len(data.proposing_validation.known),
     }
