@@ -10,24 +10,30 @@ from evaluation.execution.local import Workers
 from evaluation.execution.store import Row
 from evaluation.reports.benchmark_page import print_parts, write_page
 from evaluation.reports.benchmark_results import (
+    Cases,
     PlaceResult,
+    class_part,
     closed_part,
     common,
     open_part,
     write_csv,
 )
+from evaluation.reports.leaderboard import write_leaderboard
 from evaluation.reports.naming import OTHERS
+from evaluation.reports.prediction import CLASSES
 from evaluation.reports.terminal import terminal
 from evaluation.rollout.places import is_driving
 from evaluation.studies import prediction
-from evaluation.studies.benchmark import Plan, closed_study, open_study
+from evaluation.studies.benchmark import PER_WINDOW, Plan, closed_study, open_study
 from evaluation.windows.table import WINDOW
 
 
 def benchmark(
     plan: Plan, data: Path | None, split: str, workers: Workers, out: Path
 ) -> tuple[PlaceResult, ...]:
-    """Run what `out` does not have yet; tables, `benchmark.csv` and `benchmark.html` there.
+    """Run what `out` does not have yet; tables, `benchmark.csv` and pages there.
+
+    The pages are `benchmark.html` and, as Markdown with ranks first, `leaderboard.md`.
 
     `data`: recordings for the open loop; None leaves them out. `split`: see `prediction.study`.
     """
@@ -46,9 +52,12 @@ def benchmark(
         *driven_parts(driven, plan),
     )
     print_parts(console, parts)
-    console.print(f"table: {write_csv(parts, out / 'benchmark.csv')}", soft_wrap=True, markup=False)
+    table = write_csv(parts, out / "benchmark.csv")
+    console.print(f"table: {table}", soft_wrap=True, markup=False)
     page = write_page(parts, out / "benchmark.html", f"split {split}" if recorded else "")
-    console.print(f"page: {page}", soft_wrap=True, markup=False)
+    board = write_leaderboard(out, out / "leaderboard.md")
+    for path in (page, board):
+        console.print(f"page: {path}", soft_wrap=True, markup=False)
     return parts
 
 
@@ -56,7 +65,7 @@ Keyed = dict[Hashable, tuple[Hashable, Row]]
 
 
 def recorded_parts(rows: Sequence[Row], predictors: Sequence[str]) -> list[PlaceResult]:
-    """A part per data set and split."""
+    """Parts of each data set and split: all agents, people alone, vehicles alone."""
     found = []
     for source, split in sorted({(r["source"], r["split"]) for r in rows}):
         methods: dict[str, Keyed] = {name: {} for name in predictors}
@@ -74,11 +83,21 @@ def recorded_parts(rows: Sequence[Row], predictors: Sequence[str]) -> list[Place
                 "failed": int(row["fallback"]),
             }
             methods[row["predictor"]][tuple(row[k] for k in WINDOW)] = row["group"], case
-        found.append(open_part(f"{source.upper()}, {split}", common(methods), errors))
-    return found
+        name = f"{source.upper()}, {split}"
+        found.append(open_part(name, common(methods), errors))
+        found += [class_part(f"{name}, {kind}", _agents(methods, kind)) for kind in CLASSES]
+    return [part for part in found if any(line.cases for line in part.lines)]
 
 
-PER_WINDOW = ("average_error", "final_error", "missed", "best_average_error", "nll")
+def _agents(methods: dict[str, Keyed], kind: str) -> dict[str, Cases]:
+    """The agents of a class, each a case of its own."""
+    agents: dict[str, Keyed] = {name: {} for name in methods}
+    for name, cases in methods.items():
+        for window, (cluster, row) in cases.items():
+            for k, error in enumerate(row["agent_errors"]):
+                if CLASSES[kind](row["kinds"][k]):
+                    agents[name][window, k] = cluster, {**row, "average_error": error}
+    return common(agents)
 
 
 def simulated_parts(rows: Sequence[Row], plan: Plan) -> list[PlaceResult]:

@@ -6,12 +6,14 @@ import csv
 import io
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
 from evaluation.execution.store import Row
+from evaluation.metrics.calibration import BINS, coverage
 from evaluation.metrics.ranks import Rank, ranks
 from evaluation.metrics.statistics import Interval, clustered_interval, share_interval
 from evaluation.reports.naming import label_of
@@ -37,6 +39,10 @@ ADE = Metric("ADE", "m", "mean distance between prediction and truth", True)
 FDE = Metric("FDE", "m", "the same at the last step at which an agent is there")
 MISSED = Metric("missed", "%", "agents predicted more than 2 m off at that step")
 BEST = Metric("best of 5", "m", "ADE of the best of the five most likely joint futures")
+COVERED_50 = Metric("50 % region", "%", "true positions in the regions given 50 % probability")
+COVERED_90 = Metric("90 % region", "%", "true positions in the regions given 90 % probability")
+TOUCHED = Metric("predicted collisions", "", "pairs whose footprints overlap in the forecast")
+TOUCHED_TRULY = Metric("true collisions", "", "pairs whose footprints overlap in the truth")
 NLL = Metric("NLL", "", "minus the log of the probability density (1/m^2) given to the truth")
 HARM = Metric("collided", "%", "episodes that ended in a collision or off the road", True, True)
 REACHED = Metric("goal", "%", "episodes in which the ego reached its goal unharmed", share=True)
@@ -52,7 +58,10 @@ FAILED = Metric("failed", "", "predictions replaced by the fallback, constant ve
                 " plans and fits that failed")  # fmt: skip
 FAILED_TRIALS = Metric("failed trials", "", "trials that raised an exception")
 
-OPEN_METRICS = (ADE, FDE, MISSED, BEST, NLL, P50, P99, FAILED, FAILED_TRIALS)
+OPEN_METRICS = (
+    ADE, FDE, MISSED, BEST, NLL, COVERED_50, COVERED_90, TOUCHED, TOUCHED_TRULY, P50, P99, FAILED,
+    FAILED_TRIALS,
+)  # fmt: skip
 CLOSED_METRICS = (HARM, REACHED, TIME, COST, GAP, AHEAD, P50, P99, FAILED, FAILED_TRIALS)
 
 
@@ -102,9 +111,27 @@ def open_part(
         MISSED: lambda r: 100.0 * r["missed"] / r["agents"],
         BEST: lambda r: r["best_average_error"],
         NLL: lambda r: _number(r["nll"]),
+        COVERED_50: lambda r: _covered(r["levels"], 0.5),
+        COVERED_90: lambda r: _covered(r["levels"], 0.9),
     }
-    lines = _lines(methods, errors, columns, (ADE,))
+    lines = _lines(
+        methods, errors, columns, (ADE,), {TOUCHED: "overlaps", TOUCHED_TRULY: "overlaps_recorded"}
+    )
     return PlaceResult(OPEN, place, "windows", OPEN_METRICS, _sorted(lines, ADE))
+
+
+def _covered(levels: Sequence[int] | None, nominal: float) -> float:
+    """Share of positions in a region, %; NaN of forecasts without one."""
+    if levels is None:
+        return float("nan")
+    return 100.0 * float(coverage([levels])[round(nominal * BINS) - 1])
+
+
+def class_part(place: str, methods: dict[str, Cases]) -> PlaceResult:
+    """Displacement errors of the agents of a class; every method has the same agents."""
+    columns: dict[Metric, Callable[[Row], float]] = {ADE: lambda r: r["average_error"]}
+    lines = _lines(methods, {}, columns, (ADE,))
+    return PlaceResult(OPEN, place, "agents", (ADE,), _sorted(lines, ADE))
 
 
 def closed_part(
@@ -140,8 +167,12 @@ def _lines(
     errors: Mapping[str, Sequence[str]],
     columns: dict[Metric, Callable[[Row], float]],
     ranked: tuple[Metric, ...],
+    counted: Mapping[Metric, str] = MappingProxyType({}),
 ) -> list[MethodResult]:
-    """A line per method that has cases; methods without any have their failed trials."""
+    """A line per method that has cases; methods without any have their failed trials.
+
+    `columns` become means, `counted` sums of the rows' entries of that name.
+    """
     full = {name: cases for name, cases in methods.items() if cases}
     clusters = [cluster for cluster, _ in next(iter(full.values()), [])]
     values = {
@@ -173,7 +204,8 @@ def _lines(
         rows = [row for _, row in full[name]]
         times = 1e3 * np.concatenate([row["seconds"] for row in rows])
         cells[P50.name], cells[P99.name] = (Value(float(q)) for q in np.percentile(times, [50, 99]))
-        cells[FAILED.name] = Value(float(sum(row["failed"] for row in rows)))
+        for metric, entry in {FAILED: "failed", **counted}.items():
+            cells[metric.name] = Value(float(sum(row[entry] for row in rows)))
         cells[FAILED_TRIALS.name] = Value(float(len(mine)))
         lines.append(MethodResult(name, len(rows), cells, mine))
     return lines
@@ -219,6 +251,8 @@ def write_csv(parts: Sequence[PlaceResult], path: Path) -> Path:
         units = {metric.name: metric.unit for metric in part.metrics}
         for line in part.lines:
             for name, value in line.values.items():
+                if name not in units:
+                    continue
                 rank = value.rank or ("", "", "")
                 told = ["" if np.isnan(v) else repr(float(v)) for v in value[:3]]
                 writer.writerow(

@@ -23,6 +23,11 @@ OPEN_KEY = ("place", "seed", "predictor", "settings")
 CLOSED_KEY = ("place", "others", "ego", "settings", "seed")
 PREDICTED_SECONDS = 1.0
 """How far ahead an ego's own predictions are judged."""
+PER_WINDOW = (
+    "average_error", "final_error", "missed", "best_average_error", "nll", "levels",
+    "overlaps", "overlaps_recorded",
+)  # fmt: skip
+"""Metrics of a prediction."""
 OPEN_SEEDS = 1_000_000
 """Episodes that predictors are tested on begin with this seed: egos' episodes, and the data that
 models are trained on, have others."""
@@ -66,9 +71,8 @@ def run_windows(place: str, seed: int, predictor: str, settings: str) -> Row:
         forecast = made.predict(history, PREDICTED_STEPS)
         seconds.append(time.perf_counter() - begin)
         rows.append(judged(history, window.truth, forecast))
-    names = ("average_error", "final_error", "missed", "best_average_error", "nll", "fallback")
     return {
-        **{name: [row[name] for row in rows] for name in names},
+        **{name: [row[name] for row in rows] for name in (*PER_WINDOW, "fallback")},
         "seconds": seconds,
         "agents": [len(window.agents) for window in windows],
     }

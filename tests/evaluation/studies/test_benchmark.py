@@ -33,7 +33,8 @@ def driven(seed, time=3.0, collision=False, reached=True):
 def predicted(error, agents=2):
     return {
         "average_error": error, "final_error": 2 * error, "missed": 1, "agents": agents,
-        "best_average_error": error, "nll": None, "seconds": [0.001], "failed": 0,
+        "best_average_error": error, "nll": None, "levels": None, "overlaps": 3,
+        "overlaps_recorded": 2, "seconds": [0.001], "failed": 0,
     }  # fmt: skip
 
 
