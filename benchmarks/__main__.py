@@ -40,6 +40,7 @@ class Study(StrEnum):
     DRIVING = "driving"
     PREDICTION = "prediction"
     HYBRID = "hybrid"
+    WORST_WINDOWS = "worst_windows"
     VELOCITY_LEAK = "velocity_leak"
     PROTOCOL_RULES = "protocol_rules"
     WINDOWS = "windows"
