@@ -90,7 +90,7 @@ def recorded_parts(rows: Sequence[Row], predictors: Sequence[str]) -> list[Place
 
 
 def _agents(methods: dict[str, Keyed], kind: str) -> dict[str, Cases]:
-    """The agents of a class, each a case of its own."""
+    """The agents of a class, each a separate case."""
     agents: dict[str, Keyed] = {name: {} for name in methods}
     for name, cases in methods.items():
         for window, (cluster, row) in cases.items():
