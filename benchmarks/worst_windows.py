@@ -32,7 +32,7 @@ class Loss(NamedTuple):
     errors: tuple[float, float]
     """Mean displacement of `JUDGED` and of `REFERENCE`, m."""
     agent: int
-    """Who loses most."""
+    """Index of the one that loses most."""
     paths: dict[str, Float[np.ndarray, "P N 2"]]
     """By predictor."""
 
@@ -91,7 +91,7 @@ def row(loss: Loss) -> TableRow:
 
 
 def told(departure: Float[np.ndarray, "2"], speed: float) -> str:
-    """What an agent did, from its departure from straight motion along and across its way."""
+    """Words for what an agent did, from its departure from straight motion along and across its way."""
     along, across = departure
     if np.hypot(along, across) < 0.5:
         return "on"
