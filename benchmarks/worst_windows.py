@@ -91,7 +91,7 @@ def row(loss: Loss) -> TableRow:
 
 
 def told(departure: Float[np.ndarray, "2"], speed: float) -> str:
-    """Words for what an agent did, from its departure from straight motion along and across its way."""
+    """Words for a departure (m) from straight motion, along and across an agent's way."""
     along, across = departure
     if np.hypot(along, across) < 0.5:
         return "on"
