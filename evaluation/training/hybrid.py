@@ -18,7 +18,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy.cluster.vq import kmeans2
 
 from agents.hybrid.augmentation import augmented
@@ -42,6 +42,15 @@ SAMPLE = 4000
 """Futures that anchors are chosen from."""
 
 
+class Fold(NamedTuple):
+    """Recordings that are held out, and examples of all others."""
+
+    others: Example
+    held: Example
+    recording: Int[np.ndarray, "S"]
+    """Of the held examples, by number."""
+
+
 class TrainingData(NamedTuple):
     """Examples for both stages; those of the second have fewer places for agents."""
 
@@ -49,7 +58,8 @@ class TrainingData(NamedTuple):
     playing: Example
     proposing_validation: Example
     playing_validation: Example
-    calibration: Example
+    folds: tuple[Fold, ...] = ()
+    """To calibrate by; without them the last validation data are for that."""
 
 
 def learn_hybrid(
@@ -66,17 +76,7 @@ def learn_hybrid(
     The first trains proposals alone, the second the traits of the game that `use` makes of them;
     without a game there is no second stage.
     """
-    anchors = anchors_of(data.proposing, proposing.seed)
-    alone = train(
-        partial(_network, anchors),
-        partial(futures_loss, use=GameUse(game=False)),
-        data.proposing,
-        data.proposing_validation,
-        folder / "proposing",
-        proposing,
-        augment=augmented,
-        on_epoch=on_epoch,
-    )
+    alone = _proposing(data.proposing, data, folder / "proposing", proposing, on_epoch)
     if not use.game:
         return alone
     return train(
@@ -100,7 +100,8 @@ def train_hybrid(
 ) -> Trained:
     """Train and calibrate, and write `hybrid-game.safetensors`, its description and the curve.
 
-    Weights are written in half precision, and calibrated as they are written.
+    Weights are written in half precision, and calibrated as they are written, or by folds
+    (`cross_calibration`).
     """
     begin = time.perf_counter()
     found = learn_hybrid(
@@ -108,9 +109,14 @@ def train_hybrid(
         on_epoch=on_epoch,
     )  # fmt: skip
     found = found._replace(network=halved(found.network))
+    factor = (
+        cross_calibration(data, folder, proposing, on_epoch)
+        if data.folds
+        else calibration(single(found.network), data.playing_validation)
+    )
     about = {
         "network": HYBRID,
-        "calibration": calibration(single(found.network), data.calibration),
+        "calibration": factor,
         "examples": len(data.proposing.known),
         "validation": len(data.proposing_validation.known),
     }
@@ -118,20 +124,66 @@ def train_hybrid(
     return found
 
 
+def _proposing(
+    examples: Example,
+    data: TrainingData,
+    folder: Path,
+    schedule: Schedule,
+    on_epoch: Callable[[Epoch], None],
+) -> Trained:
+    """Train the network alone."""
+    return train(
+        partial(_network, anchors_of(examples, schedule.seed)),
+        partial(futures_loss, use=GameUse(game=False)),
+        examples,
+        data.proposing_validation,
+        folder,
+        schedule,
+        augment=augmented,
+        on_epoch=on_epoch,
+    )
+
+
+def cross_calibration(
+    data: TrainingData, folder: Path, schedule: Schedule, on_epoch: Callable[[Epoch], None]
+) -> float:
+    """Return the factor of deviations that makes held-out recordings most likely.
+
+    Of networks that were trained without them; every recording counts the same.
+    """
+    losses = np.zeros(len(GRID))
+    for k, fold in enumerate(data.folds):
+        path = folder / f"calibrating_{k}"
+        found = _proposing(fold.others, data, path, schedule, on_epoch)
+        each, counts = _losses(found.network, fold.held, GameUse(game=False))
+        for number in range(int(fold.recording.max()) + 1):
+            mine = fold.recording == number
+            losses += each[mine].sum(axis=0) / max(1, int(counts[mine].sum()))
+    return float(GRID[int(np.argmin(losses))])
+
+
 def calibration(network: ProposalNetwork, examples: Example) -> float:
     """Return the factor of deviations that makes the examples most likely."""
+    return float(GRID[int(np.argmin(_losses(network, examples, GameUse())[0].sum(axis=0)))])
 
-    @eqx.filter_jit
-    def losses(network: ProposalNetwork, examples: Example) -> Any:
-        def one(example: Example) -> Any:
-            found = joint_futures(network, example.scene, GameUse())
-            known = jnp.asarray(example.known).any(axis=1)
-            each = [negative_log_likelihood(found, example, float(f)) for f in GRID]
-            return jnp.stack([jnp.sum(jnp.where(known, v, 0.0)) for v in each])
 
-        return jnp.sum(jax.lax.map(one, examples), axis=0)
+@eqx.filter_jit
+def _mapped(network: ProposalNetwork, examples: Example, use: GameUse) -> Any:
+    def one(example: Example) -> Any:
+        found = joint_futures(network, example.scene, use)
+        known = jnp.asarray(example.known).any(axis=1)
+        each = [negative_log_likelihood(found, example, float(f)) for f in GRID]
+        return jnp.stack([jnp.sum(jnp.where(known, v, 0.0)) for v in each]), jnp.sum(known)
 
-    return float(GRID[int(jnp.argmin(losses(network, examples)))])
+    return jax.lax.map(one, examples)
+
+
+def _losses(
+    network: ProposalNetwork, examples: Example, use: GameUse
+) -> tuple[Float[np.ndarray, "S F"], Int[np.ndarray, "S"]]:
+    """Negative log-likelihoods by factor, summed over a scene's agents, and how many those are."""
+    losses, counts = _mapped(network, examples, use)
+    return np.asarray(losses), np.asarray(counts)
 
 
 def traits_alone(network: ProposalNetwork) -> Any:

@@ -6,7 +6,7 @@ that were held out, and those of vehicles up to 18 %.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 
 import jax
@@ -16,9 +16,9 @@ from jaxtyping import Bool, Float
 from agents.hybrid.loss import Example
 from agents.hybrid.strategies import GAME_BASIS
 from agents.learned.features import AGENTS
-from evaluation.training.examples import LONG
+from evaluation.training.examples import LONG, VALIDATION
 from evaluation.training.generation import episodes_in
-from evaluation.training.hybrid import TrainingData
+from evaluation.training.hybrid import Fold, TrainingData
 from evaluation.training.hybrid_examples import recorded_examples, simulated_examples, stacked
 from evaluation.windows.eth_ucy import others, read_scene_file, scene_files, scene_of
 from evaluation.windows.interaction import split_of
@@ -26,10 +26,9 @@ from foresight_env.datasets import Recording, open_recording, recordings_below
 
 PARTS = {"train": (0.0, 0.85), "validation": (0.85, 1.0)}
 """Of a long recording's frames."""
-CALIBRATION = ("intersection_01", "intersection_03", "intersection_13", "intersection_17")
-"""Short recordings that deviations are calibrated on; nothing else is learned from them. On clips
-that were held out deviations were too small by 1.3 to 1.7, which later parts of the same recordings
-do not show."""
+FOLDS = 3
+"""Of recordings, each held out once from a training that only calibrates: on recordings that were
+held out deviations were too small by 1.3 to 1.7, which later parts of the same ones do not show."""
 PLAYING = 4
 """Places for agents in the examples of the second stage: games with fewer agents are cheaper."""
 MOST_PLAYED = 1500
@@ -64,21 +63,29 @@ def recorded(data: Path) -> TrainingData:
     """
     recordings = [r for r in _recordings(data) if split_of(r.name) == "development"]
 
+    def of(recording: Recording, part: str, places: int) -> Iterable[Example]:
+        start, end = recording.frame_range
+        if (end - start) / recording.rate > LONG:
+            yield from recorded_examples(recording, places, PARTS[part])
+        elif (part == "validation") == (recording.name in VALIDATION):
+            yield from recorded_examples(recording, places)
+
     def examples(part: str, places: int) -> Iterable[Example]:
         for recording in recordings:
-            start, end = recording.frame_range
-            if (end - start) / recording.rate > LONG:
-                yield from recorded_examples(recording, places, PARTS[part])
-            elif (part == "validation") == (recording.name in CALIBRATION):
-                yield from recorded_examples(recording, places)
+            yield from of(recording, part, places)
 
-    found = _both(examples)
-    new = [r for r in recordings if r.name in CALIBRATION]
-    if not any(r.tracks for r in new):
-        return found
-    return found._replace(
-        calibration=_stack(e for recording in new for e in recorded_examples(recording, PLAYING))
-    )
+    whole = [list(of(r, "train", AGENTS)) for r in recordings]
+    there = [made for made in whole if made]
+    return _both(examples)._replace(folds=tuple(_folds(there)) if len(there) >= FOLDS else ())
+
+
+def _folds(recordings: Sequence[Sequence[Example]]) -> Iterator[Fold]:
+    """Every third recording is held out; examples of each."""
+    for k in range(FOLDS):
+        held = recordings[k::FOLDS]
+        others = [e for i, made in enumerate(recordings) if i % FOLDS != k for e in made]
+        numbers = np.repeat(np.arange(len(held)), [len(made) for made in held])
+        yield Fold(stacked(others), stacked([e for made in held for e in made]), numbers)
 
 
 def simulated(episodes: Sequence[Path]) -> TrainingData:
@@ -115,8 +122,12 @@ def _recordings(data: Path) -> list[Recording]:
 def _both(examples: Callable[[str, int], Iterable[Example]]) -> TrainingData:
     made = [_stack(examples(part, places)) for part in PARTS for places in (AGENTS, PLAYING)]
     proposing, playing, judged, judged_playing = made
-    near = some(judged_playing, close(judged_playing), MOST_PLAYED // 5)
-    return TrainingData(proposing, some(playing, close(playing), MOST_PLAYED), judged, near, near)
+    return TrainingData(
+        proposing,
+        some(playing, close(playing), MOST_PLAYED),
+        judged,
+        some(judged_playing, close(judged_playing), MOST_PLAYED // 5),
+    )
 
 
 def _stack(examples: Iterable[Example]) -> Example:

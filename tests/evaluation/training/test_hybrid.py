@@ -93,7 +93,7 @@ class KilledError(Exception):
 def test_an_interrupted_training_ends_with_the_same_weights(data, tmp_path):
     recording = read_scene_file(str(data / "zara01_obsmat.txt"), "zara1")
     examples = stacked(list(recorded_examples(recording, 4)))
-    both = TrainingData(*(5 * (examples,)))
+    both = TrainingData(examples, examples, examples, examples)
     schedule = replace(PROPOSING, epochs=3, batch=8, warmup=2)
     train = partial(learn_hybrid, both, use=GameUse(game=False), proposing=schedule)
     whole = train(tmp_path / "whole")
