@@ -74,20 +74,20 @@ def benchmark(
     to what is there.
     """
     from evaluation.reports.benchmark import benchmark as run
-    from evaluation.studies.benchmark import Plan
+    from evaluation.studies.benchmark import BenchmarkConfiguration
 
-    plan = Plan(
+    configuration = BenchmarkConfiguration(
         listed("--scenarios", scenarios, PLACES) if scenarios else (),
         listed("--others", others, DRIVING_BEHAVIOURS),
         _names("--predictors", predictors, ALL_PREDICTOR_NAMES),
         _names("--egos", egos, (*ALL_EGO_NAMES, *PLANNED_NAMES)),
         episodes,
     )
-    if not (plan.places or data):
+    if not (configuration.places or data):
         raise ValueError("--scenarios, --data: are both empty; there is nothing to run")
-    if not (plan.predictors or plan.egos):
+    if not (configuration.predictors or configuration.egos):
         raise ValueError("--predictors, --egos: are both empty; there is nothing to run")
-    run(plan, data, split, chosen_workers(workers, cluster), out)
+    run(configuration, data, split, chosen_workers(workers, cluster), out)
 
 
 def _names(option: str, text: str, known: tuple[str, ...]) -> tuple[str, ...]:

@@ -24,12 +24,21 @@ from evaluation.reports.prediction import CLASSES
 from evaluation.reports.terminal import terminal
 from evaluation.rollout.places import is_driving
 from evaluation.studies import prediction
-from evaluation.studies.benchmark import PER_WINDOW, Plan, closed_study, open_study
+from evaluation.studies.benchmark import (
+    PER_WINDOW,
+    BenchmarkConfiguration,
+    closed_study,
+    open_study,
+)
 from evaluation.windows.table import WINDOW
 
 
 def benchmark(
-    plan: Plan, data: Path | None, split: str, workers: Workers, out: Path
+    configuration: BenchmarkConfiguration,
+    data: Path | None,
+    split: str,
+    workers: Workers,
+    out: Path,
 ) -> tuple[PlaceResult, ...]:
     """Run what `out` does not have yet; tables, `benchmark.csv` and pages there.
 
@@ -39,17 +48,25 @@ def benchmark(
     """
     console = terminal()
     recorded: list[Row] = []
-    without_game = tuple(name for name in plan.predictors if name not in SCENE_PREDICTORS)
+    without_game = tuple(name for name in configuration.predictors if name not in SCENE_PREDICTORS)
     if data is not None and without_game:
         recorded = prediction.study(
             out / "recorded", data, without_game, split=split, workers=workers
         )
-    simulated = open_study(out / "open_loop", plan, workers=workers) if plan.predictors else []
-    driven = closed_study(out / "closed_loop", plan, workers=workers) if plan.egos else []
+    simulated = (
+        open_study(out / "open_loop", configuration, workers=workers)
+        if configuration.predictors
+        else []
+    )
+    driven = (
+        closed_study(out / "closed_loop", configuration, workers=workers)
+        if configuration.egos
+        else []
+    )
     parts = (
         *recorded_parts(recorded, without_game),
-        *simulated_parts(simulated, plan),
-        *driven_parts(driven, plan),
+        *simulated_parts(simulated, configuration),
+        *driven_parts(driven, configuration),
     )
     print_parts(console, parts)
     table = write_csv(parts, out / "benchmark.csv")
@@ -100,12 +117,14 @@ def _agents(methods: dict[str, Keyed], kind: str) -> dict[str, Cases]:
     return common(agents)
 
 
-def simulated_parts(rows: Sequence[Row], plan: Plan) -> list[PlaceResult]:
+def simulated_parts(
+    rows: Sequence[Row], configuration: BenchmarkConfiguration
+) -> list[PlaceResult]:
     """A part per environment; an episode's windows depend on each other."""
     found = []
-    for place in plan.places if rows else ():
-        methods: dict[str, Keyed] = {name: {} for name in plan.predictors}
-        errors: dict[str, list[str]] = {name: [] for name in plan.predictors}
+    for place in configuration.places if rows else ():
+        methods: dict[str, Keyed] = {name: {} for name in configuration.predictors}
+        errors: dict[str, list[str]] = {name: [] for name in configuration.predictors}
         for row in rows:
             if row["place"] != place:
                 continue
@@ -121,11 +140,11 @@ def simulated_parts(rows: Sequence[Row], plan: Plan) -> list[PlaceResult]:
     return found
 
 
-def driven_parts(rows: Sequence[Row], plan: Plan) -> list[PlaceResult]:
+def driven_parts(rows: Sequence[Row], configuration: BenchmarkConfiguration) -> list[PlaceResult]:
     """A part per environment and kind of others."""
     found = []
-    for place, others in plan.pairs() if rows else ():
-        egos = plan.egos_of(place)
+    for place, others in configuration.pairs() if rows else ():
+        egos = configuration.egos_of(place)
         methods: dict[str, Keyed] = {name: {} for name in egos}
         errors: dict[str, list[str]] = {name: [] for name in egos}
         for row in rows:

@@ -42,7 +42,7 @@ from evaluation.rollout.endings import COLLISION, harmed
 from evaluation.rollout.places import SETTINGS
 from evaluation.rollout.setting import RunSetting
 from evaluation.rollout.surprises import SURPRISES
-from evaluation.studies.benchmark import Plan
+from evaluation.studies.benchmark import BenchmarkConfiguration
 from evaluation.studies.closed_loop import summarise
 from evaluation.studies.driving import DrivingConfiguration
 from evaluation.studies.safety import setting_under
@@ -289,16 +289,18 @@ def _eth_ucy(results: Results, notes: Console) -> Section:
 
 def _open_benchmark(results: Results, notes: Console) -> Section:
     rows = results.rows
-    plan = Plan(_names(rows, "place"), (), _names(rows, "predictor"), (), 0)
-    print_parts(notes, simulated_parts(rows, plan), everything=True)
+    configuration = BenchmarkConfiguration(
+        _names(rows, "place"), (), _names(rows, "predictor"), (), 0
+    )
+    print_parts(notes, simulated_parts(rows, configuration), everything=True)
     return Section("Benchmark: predictors in simulated episodes", results)
 
 
 def _closed_benchmark(results: Results, notes: Console) -> Section:
     rows = results.rows
     places, others = _names(rows, "place"), tuple(o for o in OTHERS if o in _names(rows, "others"))
-    plan = Plan(places, others, (), _names(rows, "ego"), 0)
-    print_parts(notes, driven_parts(rows, plan), everything=True)
+    configuration = BenchmarkConfiguration(places, others, (), _names(rows, "ego"), 0)
+    print_parts(notes, driven_parts(rows, configuration), everything=True)
     return Section("Benchmark: egos in simulated episodes", results)
 
 

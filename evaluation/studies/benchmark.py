@@ -34,7 +34,7 @@ models are trained on, have others."""
 
 
 @dataclass(frozen=True)
-class Plan:
+class BenchmarkConfiguration:
     """Configuration of the benchmark."""
 
     places: tuple[str, ...]
@@ -112,16 +112,18 @@ def _prediction_error(found: Episode) -> float | None:
     return float(np.mean(errors)) if errors else None
 
 
-def open_study(folder: Path, plan: Plan, *, workers: Workers = None) -> list[Row]:
+def open_study(
+    folder: Path, configuration: BenchmarkConfiguration, *, workers: Workers = None
+) -> list[Row]:
     """Predictors on simulated episodes; a row per episode and predictor, kept in `folder`."""
-    settings = {name: fingerprint(make_predictor(name)) for name in plan.predictors}
+    settings = {name: fingerprint(make_predictor(name)) for name in configuration.predictors}
     rule = {"between": BETWEEN, "predicted": PREDICTED_STEPS}
     store = Store(folder, "benchmark, open loop", rule, OPEN_KEY)
     trials: list[Trial] = [
         {"place": place, "seed": OPEN_SEEDS + k, "predictor": name, "settings": settings[name]}
-        for place in plan.places
-        for k in range(plan.episodes)
-        for name in plan.predictors
+        for place in configuration.places
+        for k in range(configuration.episodes)
+        for name in configuration.predictors
     ]
     return run_trials(
         run_windows,
@@ -133,15 +135,17 @@ def open_study(folder: Path, plan: Plan, *, workers: Workers = None) -> list[Row
     )
 
 
-def closed_study(folder: Path, plan: Plan, *, workers: Workers = None) -> list[Row]:
+def closed_study(
+    folder: Path, configuration: BenchmarkConfiguration, *, workers: Workers = None
+) -> list[Row]:
     """Egos in episodes with the same seeds; a row per episode and ego, kept in `folder`."""
-    settings = {name: fingerprint(make_ego(name)) for name in plan.egos}
+    settings = {name: fingerprint(make_ego(name)) for name in configuration.egos}
     store = Store(folder, "benchmark, closed loop", {}, CLOSED_KEY)
     trials: list[Trial] = [
         {"place": place, "others": others, "ego": ego, "settings": settings[ego], "seed": seed}
-        for place, others in plan.pairs()
-        for ego in plan.egos_of(place)
-        for seed in range(plan.episodes)
+        for place, others in configuration.pairs()
+        for ego in configuration.egos_of(place)
+        for seed in range(configuration.episodes)
     ]
     return run_trials(
         run_trial,

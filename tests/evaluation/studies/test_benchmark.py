@@ -18,7 +18,7 @@ from evaluation.reports.benchmark_page import print_parts, write_page
 from evaluation.reports.benchmark_results import closed_part, common, open_part, write_csv
 from evaluation.studies import benchmark as benchmark_study
 from evaluation.studies import prediction
-from evaluation.studies.benchmark import Plan
+from evaluation.studies.benchmark import BenchmarkConfiguration
 from evaluation.windows import simulated as simulated_windows
 
 
@@ -162,8 +162,8 @@ def test_predictors_that_need_a_game_are_left_out_of_recordings(tmp_path, monkey
     )
     monkeypatch.setattr(benchmark_report, "recorded_parts", lambda rows, names: [])
     for names in (("kalman", "scene-game"), ("scene-game",)):
-        plan = Plan((), (), names, (), 1)
-        benchmark_report.benchmark(plan, tmp_path, "test", 0, tmp_path / "out")
+        configuration = BenchmarkConfiguration((), (), names, (), 1)
+        benchmark_report.benchmark(configuration, tmp_path, "test", 0, tmp_path / "out")
     assert asked == [("kalman",)]
 
 
@@ -192,7 +192,12 @@ def test_anybody_s_own_predictor_is_a_line_of_the_table(command, tmp_path, monke
     out = tmp_path / "out"
     given = ("--scenarios", "crosswalk", "--episodes", 2, "--workers", 0, "--out", out)
     own = f"{__name__}:Straight"
-    chosen = ("--predictors", f"constant-velocity,{own}", "--egos", f"constant-velocity,{own}+plan")
+    chosen = (
+        "--predictors",
+        f"constant-velocity,{own}",
+        "--egos",
+        f"constant-velocity,{own}+plan",
+    )
     result = command(*given, *chosen)
     assert result.exit_code == 0, result.output
     shown = "straight on"
@@ -244,8 +249,14 @@ def test_what_is_wrong_is_told_before_anything_runs(command, tmp_path, told, giv
 
 
 def test_names_are_those_of_the_registry():
-    plan = Plan(("crosswalk", "merge"), ("receding", "idm"), (), ("oracle", "idm"), 1)
-    assert plan.egos_of("crosswalk") == ("oracle",)
-    assert plan.egos_of("merge") == ("oracle", "idm")
-    assert plan.pairs() == [("crosswalk", "receding"), ("merge", "receding"), ("merge", "idm")]
+    configuration = BenchmarkConfiguration(
+        ("crosswalk", "merge"), ("receding", "idm"), (), ("oracle", "idm"), 1
+    )
+    assert configuration.egos_of("crosswalk") == ("oracle",)
+    assert configuration.egos_of("merge") == ("oracle", "idm")
+    assert configuration.pairs() == [
+        ("crosswalk", "receding"),
+        ("merge", "receding"),
+        ("merge", "idm"),
+    ]
     assert "kalman+plan" in PLANNED_NAMES
