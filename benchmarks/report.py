@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 Cell = str | int | float
@@ -40,7 +41,9 @@ class Result:
             return self
         table = Table(title=self.title, caption=self.note, caption_justify="left")
         for name in self.rows[0]:
-            table.add_column(name, justify="right" if number_like(self.rows[0][name]) else "left")
+            table.add_column(
+                escape(name), justify="right" if number_like(self.rows[0][name]) else "left"
+            )
         for row in self.rows:
             table.add_row(*(formatted(value) for value in row.values()))
         console.print(table)

@@ -1,5 +1,7 @@
 """The leaderboard: a page from the tables of studies alone."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -73,3 +75,9 @@ def test_a_file_that_is_no_table_of_the_benchmark_is_named(tmp_path):
     (tmp_path / "benchmark.csv").write_text("loop,place\nopen loop,x\n")
     with pytest.raises(ValueError, match=r"benchmark.csv, line 2: is not of a benchmark"):
         read_tables(tmp_path / "benchmark.csv")
+
+
+def test_the_documentation_has_the_page_of_its_tables(tmp_path):
+    docs = Path(__file__).parents[3] / "docs"
+    made = write_leaderboard(docs / "data", tmp_path / "page.md").read_text()
+    assert made == (docs / "leaderboard.md").read_text()
