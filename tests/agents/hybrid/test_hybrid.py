@@ -9,16 +9,21 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from agents.egos.predict_then_plan import history_of
 from agents.hybrid.augmentation import augmented
 from agents.hybrid.futures import GameUse, deviations, joint_futures, play
 from agents.hybrid.loss import Example, futures_loss
 from agents.hybrid.network import MODES, ProposalNetwork, ranked, traits_of
+from agents.hybrid.predictor import SIMULATED, HybridPredictor
 from agents.hybrid.scene import RECENT, scene_of, smoothed, targets
 from agents.hybrid.smooth_game import SmoothGame, equilibrium, positions
 from agents.hybrid.strategies import GAME_BASIS, HORIZON, STEPS, strategy_basis
 from agents.hybrid.window import explained
 from agents.interfaces.predictor import Context, History
 from agents.learned.features import STEP
+from agents.learned.weights import FOLDER
+from foresight_env.envs import scene_of as scene_of_env
+from foresight_env.envs.crosswalk_v0 import parallel_env
 
 PLACES = 4
 EQUILIBRIUM = jax.jit(equilibrium)
@@ -232,6 +237,28 @@ def test_strategies_are_orthonormal_smooth_and_straight_at_the_end():
     spread = jnp.array([0.1, 0.2, 0.0, 0.0])
     grown = deviations(spread, strategy_basis(np.array([HORIZON])))
     np.testing.assert_allclose(grown[0], [0.13, 0.23], atol=1e-5)
+
+
+def test_weights_are_those_of_episodes_where_the_game_is_known():
+    env = parallel_env(noise_std=0.0)
+    env.reset(seed=0)
+    scene = scene_of_env(env)
+    rows = np.zeros((4, 2, 4))
+    rows[:, 0, 0] = STEP * np.arange(4)
+    rows[:, :, 2] = 1.0
+    history = replace(history_of(scene, tuple(rows)), dt=STEP)
+    assert history.context.game is not None
+
+    def path(weights):
+        return HybridPredictor(weights=weights, game="none").predict(history, 5).most_likely
+
+    folders = {name: FOLDER / name / "hybrid-game.safetensors" for name in ("", SIMULATED)}
+    np.testing.assert_array_equal(path(""), path(str(folders[SIMULATED])))
+    assert np.abs(path("") - path(str(folders[""]))).max() > 1e-3
+    recorded = replace(history, context=replace(history.context, game=None))
+    np.testing.assert_array_equal(
+        HybridPredictor(game="none").predict(recorded, 5).most_likely, path(str(folders[""]))
+    )
 
 
 def test_the_last_velocity_is_a_mean_of_the_last_ones():

@@ -22,7 +22,7 @@ from agents.learned.head import Futures, negative_log_likelihood
 from agents.learned.predictor import NETWORKS, LearnedPredictor, resampled
 from agents.learned.reactive import REACTIVE, ReactiveEgo
 from agents.learned.training import Schedule, train
-from agents.learned.weights import FOLDER, load_network, packed
+from agents.learned.weights import FOLDER, halved, load_network, packed, single, unpacked
 from foresight_env.envs.crosswalk_v0 import parallel_env
 
 MOST_BYTES = 2_000_000
@@ -158,6 +158,34 @@ def test_it_learns_and_stops_early(tmp_path):
     stopped = train(line, squared, data(0), data(1), tmp_path / "other", impatient)
     assert len(stopped.curve) < 500
     assert len(stopped.curve) - 1 - stopped.best == 2
+
+
+def test_only_what_is_trainable_changes(tmp_path):
+    def pair(key):
+        return line(key), line(jax.random.fold_in(key, 1))
+
+    def loss(network, example):
+        x, y = example
+        return jnp.sum((network[0](x) + network[1].weight - y) ** 2), jnp.ones(())
+
+    def second_alone(network):
+        return jax.tree.map(lambda _: False, network[0]), jax.tree.map(eqx.is_array, network[1])
+
+    found = train(pair, loss, data(0), data(1), tmp_path, SCHEDULE, trainable=second_alone)
+    start = pair(jax.random.split(jax.random.key(SCHEDULE.seed))[0])
+    np.testing.assert_array_equal(found.network[0].weight, start[0].weight)
+    assert float(jnp.max(jnp.abs(found.network[1].weight - start[1].weight))) > 0.1
+
+
+def test_weights_of_half_precision_are_read_in_single():
+    tree = {"a": jnp.array([0.1, -3.0]), "count": jnp.array([3])}
+    data = packed(halved(tree))
+    assert len(data) < len(packed(tree))
+    again = unpacked(tree, data, "file")
+    assert again["a"].dtype == jnp.float32
+    np.testing.assert_array_equal(again["a"], single(halved(tree))["a"])
+    np.testing.assert_allclose(again["a"], tree["a"], rtol=1e-3)
+    np.testing.assert_array_equal(again["count"], tree["count"])
 
 
 def test_a_training_that_was_interrupted_ends_the_same(tmp_path):

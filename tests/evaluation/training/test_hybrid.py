@@ -60,6 +60,22 @@ def test_the_held_out_scene_is_left_out(data, monkeypatch):
     assert set(read) == {"eth", "hotel", "students03", "zara01"}  # zara02 is for tests
 
 
+def test_each_recording_is_held_out_once_to_calibrate(data, monkeypatch):
+    made = [list(recorded_examples(r)) for r in hybrid_data._recordings(data)[:4]]
+    folds = list(hybrid_data._folds(made))
+    assert len(folds) == hybrid_data.FOLDS
+    sizes = [len(examples) for examples in made]
+    for k, fold in enumerate(folds):
+        held = sizes[k :: hybrid_data.FOLDS]
+        assert [int(np.sum(fold.recording == n)) for n in range(len(held))] == held
+        assert len(fold.others.known) + len(fold.held.known) == sum(sizes)
+    first = folds[0]
+    np.testing.assert_array_equal(first.held.target[0], made[0][0].target)
+    np.testing.assert_array_equal(first.held.target[first.recording == 1][0], made[3][0].target)
+    monkeypatch.setattr(hybrid_data, "LONG", 1.0)  # parts are of every recording
+    assert len(recorded(data).folds) == hybrid_data.FOLDS
+
+
 def test_scenes_of_eth_have_their_own_frame_rate(data):
     recording = hybrid_data._recordings(data)
     rates = {r.name: r.rate for r in recording}
