@@ -67,7 +67,7 @@ def losses(windows: list[PredictionWindow]) -> list[Loss]:
 
 
 def row(loss: Loss) -> TableRow:
-    """A line: who, how wrong, and in which way."""
+    """A line of the table, of the agent that loses most."""
     window, i = loss.window, loss.agent
     last = int(np.flatnonzero(window.present[:, i])[-1])
     now = window.history.seen(i)[-1]

@@ -102,8 +102,9 @@ def recorded_parts(rows: Sequence[Row], predictors: Sequence[str]) -> list[Place
             methods[row["predictor"]][tuple(row[k] for k in WINDOW)] = row["group"], case
         name = f"{source.upper()}, {split}"
         found.append(open_part(name, common(methods), errors))
-        found += [class_part(f"{name}, {kind}", _agents(methods, kind)) for kind in CLASSES]
-    return [part for part in found if any(line.cases for line in part.lines)]
+        classes = [class_part(f"{name}, {kind}", _agents(methods, kind)) for kind in CLASSES]
+        found += [part for part in classes if any(line.cases for line in part.lines)]
+    return found
 
 
 def _agents(methods: dict[str, Keyed], kind: str) -> dict[str, Cases]:

@@ -39,10 +39,14 @@ ADE = Metric("ADE", "m", "mean distance between prediction and truth", True)
 FDE = Metric("FDE", "m", "the same at the last step at which an agent is there")
 MISSED = Metric("missed", "%", "agents predicted more than 2 m off at that step")
 BEST = Metric("best of 5", "m", "ADE of the best of the five most likely joint futures")
-COVERED_50 = Metric("50 % region", "%", "true positions in the regions given 50 % probability")
-COVERED_90 = Metric("90 % region", "%", "true positions in the regions given 90 % probability")
-TOUCHED = Metric("predicted collisions", "", "pairs whose footprints overlap in the forecast")
-TOUCHED_TRULY = Metric("true collisions", "", "pairs whose footprints overlap in the truth")
+COVERED_50 = Metric(
+    "50 % region", "%", "true positions in the regions given 50 % probability, mean over windows"
+)
+COVERED_90 = Metric("90 % region", "%", "the same of 90 %")
+COLLISIONS_PREDICTED = Metric(
+    "predicted collisions", "", "pairs whose footprints overlap in the forecast"
+)
+COLLISIONS_TRUE = Metric("true collisions", "", "pairs whose footprints overlap in the truth")
 NLL = Metric("NLL", "", "minus the log of the probability density (1/m^2) given to the truth")
 HARM = Metric("collided", "%", "episodes that ended in a collision or off the road", True, True)
 REACHED = Metric("goal", "%", "episodes in which the ego reached its goal unharmed", share=True)
@@ -59,8 +63,8 @@ FAILED = Metric("failed", "", "predictions replaced by the fallback, constant ve
 FAILED_TRIALS = Metric("failed trials", "", "trials that raised an exception")
 
 OPEN_METRICS = (
-    ADE, FDE, MISSED, BEST, NLL, COVERED_50, COVERED_90, TOUCHED, TOUCHED_TRULY, P50, P99, FAILED,
-    FAILED_TRIALS,
+    ADE, FDE, MISSED, BEST, NLL, COVERED_50, COVERED_90, COLLISIONS_PREDICTED, COLLISIONS_TRUE,
+    P50, P99, FAILED, FAILED_TRIALS,
 )  # fmt: skip
 CLOSED_METRICS = (HARM, REACHED, TIME, COST, GAP, AHEAD, P50, P99, FAILED, FAILED_TRIALS)
 
@@ -115,7 +119,11 @@ def open_part(
         COVERED_90: lambda r: _covered(r["levels"], 0.9),
     }
     lines = _lines(
-        methods, errors, columns, (ADE,), {TOUCHED: "overlaps", TOUCHED_TRULY: "overlaps_recorded"}
+        methods,
+        errors,
+        columns,
+        (ADE,),
+        {COLLISIONS_PREDICTED: "overlaps", COLLISIONS_TRUE: "overlaps_recorded"},
     )
     return PlaceResult(OPEN, place, "windows", OPEN_METRICS, _sorted(lines, ADE))
 

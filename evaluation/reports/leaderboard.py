@@ -21,6 +21,8 @@ from evaluation.reports.benchmark_results import (
     ADE,
     BEST,
     CLOSED,
+    COLLISIONS_PREDICTED,
+    COLLISIONS_TRUE,
     COST,
     COVERED_50,
     COVERED_90,
@@ -33,8 +35,6 @@ from evaluation.reports.benchmark_results import (
     P99,
     REACHED,
     TIME,
-    TOUCHED,
-    TOUCHED_TRULY,
 )  # fmt: skip
 from foresight_env.files import write_atomically
 
@@ -42,9 +42,10 @@ HEAD = """# Leaderboard
 
 {said}
 
-Ranks are by {by}; in brackets those that the
+Ranks are by {by}; in parentheses those that the
 data leave possible at 95 % (Mogstad et al., 2024). Intervals are 95 % bootstrap intervals over
-groups of dependent cases. Rows of one table have the same cases. **Bold**: may be first."""
+groups of dependent cases. Rows of one table have the same cases. Mean ranks are without the tables
+of people and vehicles alone. **Bold**: may be first."""
 OWN = """## Your own row
 
 A predictor is a class with a `name` and `predict(history, steps)`
@@ -114,11 +115,15 @@ def write_leaderboard(folder: Path, page: Path) -> Path:
     parts: list[str] = []
     if places[OPEN]:
         found = {place: tables[OPEN, place] for place in places[OPEN]}
-        by = "mean displacement (ADE) and, in closed loop, by collisions, then time to the goal"
-        parts += [HEAD.format(said=_conclusion(found), by=by), "", *_overview(found)]
+        by = (
+            "mean displacement (ADE) and, in closed loop, by time to the goal (rows there by "
+            "collisions first)"
+        )
+        whole = {place: table for place, table in found.items() if not _of_class(table)}
+        parts += [HEAD.format(said=_conclusion(whole), by=by), "", *_overview(found, whole)]
         parts += [line for place in found for line in _open(place, found[place])]
     else:
-        by = "collisions, then time to the goal"
+        by = "time to the goal (rows by collisions first)"
         parts += [HEAD.format(said="Closed loop alone.", by=by), ""]
     scenes = folder / "eth_ucy.csv"
     if scenes.is_file():
@@ -148,14 +153,22 @@ def _ranked_everywhere(places: dict[str, Table]) -> list[str]:
     return sorted(set.intersection(*sets))
 
 
-def _overview(places: dict[str, Table]) -> Iterator[str]:
-    """Errors and possible ranks: a row per method, a column per place."""
+def _of_class(table: Table) -> bool:
+    """Whether it is of agents of one class, with displacements alone."""
+    return all(NLL.name not in cells for cells in table.values())
+
+
+def _overview(places: dict[str, Table], whole: dict[str, Table]) -> Iterator[str]:
+    """Errors and possible ranks: a row per method, a column per place.
+
+    Mean ranks are of the places in `whole`.
+    """
     methods = sorted({m for table in places.values() for m in table})
 
     def mean_rank(method: str) -> tuple[int, float]:
-        ranks = [t[method][ADE.name].rank for t in places.values() if method in t]
+        ranks = [t[method][ADE.name].rank for t in whole.values() if method in t]
         known = [r[0] for r in ranks if r]
-        return len(places) - len(known), float(np.mean(known)) if known else math.inf
+        return len(whole) - len(known), float(np.mean(known)) if known else math.inf
 
     yield "## Displacement (ADE, m) and rank"
     yield ""
@@ -183,7 +196,7 @@ def _with_rank(cell: Cell) -> str:
 def _open(place: str, table: Table) -> Iterator[str]:
     """All metrics of predictions at a place."""
     cases = max(cells[ADE.name].cases for cells in table.values())
-    classes = all(NLL.name not in cells for cells in table.values())
+    classes = _of_class(table)
     yield f"## {place}: {cases} {'agents' if classes else 'windows'}"
     yield ""
     head: tuple[str, ...] = ("predictor", "rank", "ADE, m", "interval")
@@ -202,7 +215,7 @@ def _open(place: str, table: Table) -> Iterator[str]:
                 _told(cells, BEST.name, 2),
                 _told(cells, NLL.name, 2),
                 _pair(cells, COVERED_50.name, COVERED_90.name, 0),
-                _pair(cells, TOUCHED.name, TOUCHED_TRULY.name, 0),
+                _pair(cells, COLLISIONS_PREDICTED.name, COLLISIONS_TRUE.name, 0),
                 _pair(cells, P50.name, P99.name, 1),
                 _told(cells, FAILED.name, 0),
             ]
@@ -237,6 +250,8 @@ def _closed(place: str, table: Table) -> Iterator[str]:
 def _eth_ucy(path: Path) -> Iterator[str]:
     """Errors of the ETH/UCY protocol, with published ones."""
     yield "## ETH/UCY, one scene left out: ADE / FDE, m"
+    yield ""
+    yield "[Protocol](protocols.md#ethucy); measured rows are of one window in four."
     yield ""
     with path.open(newline="") as file:
         rows = list(csv.DictReader(file))

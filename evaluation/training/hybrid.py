@@ -1,8 +1,6 @@
 """Training of `hybrid-game`: the network's proposals, then the traits of the game between them.
 
-The second stage leaves the proposals as they are: trained through the game on the few scenes in
-which agents come close, they became worse on clips that were held out (people 3 %, vehicles 5 %),
-and the game keeps agents apart as well without.
+The second stage leaves the proposals as they are (docs/development/design.md, "Predictors").
 """
 
 from __future__ import annotations
@@ -149,7 +147,8 @@ def cross_calibration(
 ) -> float:
     """Return the factor of deviations that makes held-out recordings most likely.
 
-    Of networks that were trained without them; every recording counts the same.
+    Of networks that were trained without them; every recording counts the same. Their epochs are
+    chosen on the usual validation data, which have the ends of long recordings.
     """
     losses = np.zeros(len(GRID))
     for k, fold in enumerate(data.folds):

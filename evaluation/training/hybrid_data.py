@@ -1,7 +1,6 @@
 """Training data of `hybrid-game`: recordings or episodes, without those for tests.
 
-Not both: with episodes as well, predictions of recorded people became 2 to 3 % worse on clips
-that were held out, and those of vehicles up to 18 %.
+Not both: then recordings are predicted worse (docs/measurements.md, "A network and a game").
 """
 
 from __future__ import annotations
@@ -27,8 +26,7 @@ from foresight_env.datasets import Recording, open_recording, recordings_below
 PARTS = {"train": (0.0, 0.85), "validation": (0.85, 1.0)}
 """Of a long recording's frames."""
 FOLDS = 3
-"""Of recordings, each held out once from a training that only calibrates: on recordings that were
-held out deviations were too small by 1.3 to 1.7, which later parts of the same ones do not show."""
+"""Of recordings, each held out once from a training that only calibrates."""
 PLAYING = 4
 """Places for agents in the examples of the second stage: games with fewer agents are cheaper."""
 MOST_PLAYED = 1500

@@ -99,6 +99,28 @@ def test_failed_trials_are_counted_with_the_first_error():
     assert "b: 2 trials failed; first: [no] luck" in console.file.getvalue()
 
 
+def recorded(predictor, frame, error=""):
+    """A window of a pedestrian and a car; the car's error is 1 m more."""
+    row = predicted(0.5 if predictor == "good" else 1.5) | {
+        "source": "dut", "split": "test", "recording": "clip", "content": "", "frame": frame,
+        "agents": "a,b", "group": f"clip {frame}", "predictor": predictor, "error": error,
+        "fallback": False, "kinds": ["pedestrian", "car"], "seconds": 0.001,
+    }  # fmt: skip
+    base = row["average_error"] - 0.5
+    return row | {"agent_errors": [base, base + 1.0]}
+
+
+def test_people_and_vehicles_of_recordings_apart():
+    rows = [recorded(name, frame) for name in ("good", "poor") for frame in range(8)]
+    parts = benchmark_report.recorded_parts(rows, ("good", "poor"))
+    assert [p.place for p in parts] == ["DUT, test", "DUT, test, people", "DUT, test, vehicles"]
+    means = [[line.values["ADE"].mean for line in part.lines] for part in parts]
+    assert means == [[0.5, 1.5], [0.0, 1.0], [1.0, 2.0]]
+    broken = [recorded("poor", frame, "no luck") for frame in range(8)]
+    (part,) = benchmark_report.recorded_parts(broken, ("poor",))
+    assert part.lines[0].values["failed trials"].mean == 8.0
+
+
 def test_page_and_table(tmp_path):
     methods = {
         "kalman": {k: (k, predicted(0.5 + 0.01 * k)) for k in range(8)},

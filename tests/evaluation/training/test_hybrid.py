@@ -8,9 +8,16 @@ import numpy as np
 import pytest
 
 from agents.hybrid.futures import GameUse
+from agents.hybrid.network import ProposalNetwork
 from agents.learned.weights import arrays_of
 from evaluation.training import hybrid_data
-from evaluation.training.hybrid import PROPOSING, TrainingData, anchors_of, learn_hybrid
+from evaluation.training.hybrid import (
+    PROPOSING,
+    TrainingData,
+    anchors_of,
+    learn_hybrid,
+    traits_alone,
+)
 from evaluation.training.hybrid_data import CLOSE, PARTS, close, leave_one_out, recorded
 from evaluation.training.hybrid_examples import recorded_examples, stacked
 from evaluation.windows.eth_ucy import read_scene_file
@@ -100,6 +107,20 @@ def test_anchors_are_in_units_of_speed():
     examples = stacked(list(recorded_examples(crossing("zara01", rows=LONG))))
     # Straight motion has no departure.
     np.testing.assert_allclose(anchors_of(examples, 0), 0.0, atol=1e-3)
+
+
+def test_the_second_stage_trains_traits_alone():
+    network = ProposalNetwork(key=jax.random.key(0))
+    mask = traits_alone(network)
+    chosen = {
+        name.split(".")[1].split("[")[0]
+        for name, trained in (
+            (jax.tree_util.keystr(path), leaf)
+            for path, leaf in jax.tree_util.tree_leaves_with_path(mask)
+        )
+        if trained is True
+    }
+    assert chosen == {"trait", "noise"}
 
 
 class KilledError(Exception):
