@@ -45,7 +45,8 @@ HEAD = """# Leaderboard
 Ranks are by {by}; in parentheses those that the
 data leave possible at 95 % (Mogstad et al., 2024). Intervals are 95 % bootstrap intervals over
 groups of dependent cases. Rows of one table have the same cases. Mean ranks are without the tables
-of people and vehicles alone. **Bold**: may be first."""
+of people and vehicles alone; predictors that do not enter all tables are at the end. **Bold**: may
+be first."""
 OWN = """## Your own row
 
 A predictor is a class with a `name` and `predict(history, steps)`
@@ -141,10 +142,14 @@ def _conclusion(places: dict[str, Table]) -> str:
     ranks = {m: [places[p][m][ADE.name].rank for p in places] for m in whole}
     known = {m: [r for r in found if r is not None] for m, found in ranks.items()}
     order = sorted(known, key=lambda m: float(np.mean([r[0] for r in known[m]])))
-    return " ".join(
-        f"`{m}` has rank {np.mean([r[0] for r in known[m]]):.1f} on average and may be first in "
-        f"{sum(r[1] == 1 for r in known[m])} of {len(places)} tables."
-        for m in order[:2]
+    return (
+        "Of the predictors that enter every table "
+        + "; ".join(
+            f"`{m}` has rank {np.mean([r[0] for r in known[m]]):.1f} on average and may be first "
+            f"in {sum(r[1] == 1 for r in known[m])} of {len(places)}"
+            for m in order[:2]
+        )
+        + "."
     )
 
 

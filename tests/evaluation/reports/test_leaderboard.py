@@ -42,7 +42,11 @@ def folder(tmp_path):
 
 def test_the_page_has_every_method_with_ranks_and_intervals(folder):
     text = write_leaderboard(folder, folder / "page.md").read_text()
-    assert "`good` has rank 1.0 on average and may be first in 2 of 2 tables." in text
+    assert (
+        "Of the predictors that enter every table `good` has rank 1.0 on average and may be first "
+        "in 2 of 2;"
+    ) in text
+    assert "`bad` has rank 2.0 on average and may be first in 0 of 2." in text
     row = next(line for line in text.splitlines() if line.startswith("| `good` | 1.0 |"))
     cells = [cell.strip() for cell in row.split("|")[1:-1]]
     assert cells[2:] == ["**0.50** 1", "1.00 2", "**0.50** 1"]
