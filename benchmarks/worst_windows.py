@@ -94,11 +94,11 @@ def told(departure: Float[np.ndarray, "2"], speed: float) -> str:
     """Words for a departure (m) from straight motion, along and across an agent's way."""
     along, across = departure
     if np.hypot(along, across) < 0.5:
-        return "on"
+        return "straight on"
     if abs(across) > abs(along):
         return f"{abs(across):.1f} m to the {'left' if across > 0.0 else 'right'}"
     if along > 0.0:
-        return f"{along:.1f} m further" if speed > STANDING else f"off, {along:.1f} m"
+        return f"{along:.1f} m further" if speed > STANDING else f"{along:.1f} m, from standing"
     return f"{-along:.1f} m less far"
 
 

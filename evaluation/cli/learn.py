@@ -21,6 +21,9 @@ from evaluation.training.names import PPO, SPLITS, TRAINABLE
 from foresight_env.extras import require
 from foresight_env.names import PLACES
 
+EPISODES = "results/episodes"
+"""Folder of episodes, unless another is named."""
+
 
 @plain_errors
 def generate(
@@ -33,7 +36,7 @@ def generate(
     ] = "train",
     workers: WorkersOption = None,
     cluster: ClusterOption = None,
-    out: OutOption = Path("results/episodes"),
+    out: OutOption = Path(EPISODES),
 ) -> None:
     """Make a data set of episodes: states, observations, controls, goals, discount factors.
 
@@ -57,7 +60,7 @@ def train(
     name: Annotated[str, typer.Argument(help=f"One of {', '.join(TRAINABLE)}.")],
     episodes: Annotated[
         str, typer.Option(help="Folders of foresight generate, comma-separated; ppo needs none.")
-    ] = "results/episodes",
+    ] = EPISODES,
     data: Annotated[
         Path | None,
         typer.Option(
@@ -94,6 +97,8 @@ def train(
     listed("NAME", name, TRAINABLE)
     if data is not None and name not in (*FORECASTERS, HYBRID):
         raise ValueError(f"--data: {name} learns from episodes only; leave it out")
+    if name == HYBRID and data is not None and episodes != EPISODES:
+        raise ValueError("--episodes: hybrid-game learns from --data alone; leave one of them out")
     if hold_out is not None:
         if name not in (*FORECASTERS, HYBRID):
             raise ValueError(f"--hold-out: {name} is no predictor; leave it out")

@@ -35,7 +35,7 @@ from evaluation.reports.benchmark_results import (
     P99,
     REACHED,
     TIME,
-)  # fmt: skip
+)
 from foresight_env.files import write_atomically
 
 HEAD = """# Leaderboard
@@ -256,10 +256,11 @@ def _eth_ucy(path: Path) -> Iterator[str]:
     """Errors of the ETH/UCY protocol, with published ones."""
     yield "## ETH/UCY, one scene left out: ADE / FDE, m"
     yield ""
-    yield "[Protocol](protocols.md#ethucy); measured rows are of one window in four."
-    yield ""
     with path.open(newline="") as file:
         rows = list(csv.DictReader(file))
+    counts = {int(r["agents"]) for r in rows if r["scene"] == "average" and r["agents"]}
+    yield f"[Protocol](protocols.md#ethucy); measured on {max(counts, default=0)} agents."
+    yield ""
     scenes = [s for s in dict.fromkeys(r["scene"] for r in rows) if s != "average"] + ["average"]
     made: dict[tuple[str, str], dict[str, dict[str, str]]] = {}
     for row in rows:

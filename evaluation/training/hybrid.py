@@ -45,8 +45,9 @@ class Fold(NamedTuple):
 
     others: Example
     held: Example
+    """Of S scenes."""
     recording: Int[np.ndarray, "S"]
-    """Of the held examples, by number."""
+    """Numbers of the held scenes' recordings, from 0."""
 
 
 class TrainingData(NamedTuple):
@@ -167,7 +168,7 @@ def calibration(network: ProposalNetwork, examples: Example) -> float:
 
 
 @eqx.filter_jit
-def _mapped(network: ProposalNetwork, examples: Example, use: GameUse) -> Any:
+def _losses_of_scenes(network: ProposalNetwork, examples: Example, use: GameUse) -> Any:
     def one(example: Example) -> Any:
         found = joint_futures(network, example.scene, use)
         known = jnp.asarray(example.known).any(axis=1)
@@ -181,7 +182,7 @@ def _losses(
     network: ProposalNetwork, examples: Example, use: GameUse
 ) -> tuple[Float[np.ndarray, "S F"], Int[np.ndarray, "S"]]:
     """Negative log-likelihoods by factor, summed over a scene's agents, and how many those are."""
-    losses, counts = _mapped(network, examples, use)
+    losses, counts = _losses_of_scenes(network, examples, use)
     return np.asarray(losses), np.asarray(counts)
 
 

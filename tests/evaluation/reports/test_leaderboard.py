@@ -60,14 +60,15 @@ def test_the_page_has_every_method_with_ranks_and_intervals(folder):
 
 def test_scenes_and_published_numbers_are_in_it(folder):
     (folder / "eth_ucy.csv").write_text(
-        "predictor,scene,ade,fde,best_ade,best_fde,source\n"
-        "good,eth,0.5,1.0,0.2,0.3,measured\n"
-        "good,average,0.4,0.8,0.1,0.2,measured\n"
-        "bad,eth,0.6,1.1,0.6,1.1,measured\n"
-        "bad,average,0.6,1.1,0.6,1.1,measured\n"
-        "Net,average,,,0.18,0.29,published: A et al.\n"
+        "predictor,scene,agents,ade,fde,best_ade,best_fde,source\n"
+        "good,eth,7,0.5,1.0,0.2,0.3,measured\n"
+        "good,average,9,0.4,0.8,0.1,0.2,measured\n"
+        "bad,eth,7,0.6,1.1,0.6,1.1,measured\n"
+        "bad,average,9,0.6,1.1,0.6,1.1,measured\n"
+        "Net,average,,,,0.18,0.29,published: A et al.\n"
     )
     text = write_leaderboard(folder, folder / "page.md").read_text()
+    assert "measured on 9 agents" in text
     assert "| `good` | 1 | 0.50 / 1.00 | 0.40 / 0.80 |" in text
     assert "| `good` | 20 | 0.20 / 0.30 | 0.10 / 0.20 |" in text
     assert "| `bad` | 1 | 0.60 / 1.10 | 0.60 / 1.10 |" in text

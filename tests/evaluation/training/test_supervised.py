@@ -212,6 +212,10 @@ def test_what_cannot_be_trained_or_made(tmp_path, episodes):
         (("train", "magic"), "NAME: 'magic' is unknown"),
         (("train", "gamma", "--episodes", tmp_path / "none"), "holds no episodes; make them"),
         (("train", "gamma", "--data", tmp_path), "--data: gamma learns from episodes only"),
+        (
+            ("train", "hybrid-game", "--data", tmp_path, "--episodes", "mine"),
+            "--episodes: hybrid-game learns from --data alone",
+        ),
         (("train", "transformer", "--episodes", ""), "hold nothing to learn from"),
         (("generate", "moon"), "SCENARIOS: 'moon' is unknown"),
         (("generate", "crosswalk", "--split", "exam"), "--split: is 'exam'"),
