@@ -189,11 +189,20 @@ def estimate(
             "of predicting its second part.",
         ),
     ] = False,
+    observe: Annotated[
+        float | None,
+        typer.Option(
+            help="Infer discount factors, with 90 % intervals, from this many seconds from 3 s "
+            "before the crossing on, predict the rest, and compare with gamma = 1 and constant "
+            "velocity.",
+            show_default=False,
+        ),
+    ] = None,
     collision_weight: Annotated[
         float | None,
         typer.Option(
-            help="Of --whole: how much being close costs, which discount factors are inferred "
-            "given; default 0.3, which predicts recorded people best.",
+            help="Of --whole and --observe: how much being close costs, which discount factors are "
+            "inferred given; default 0.3, which predicts recorded people best.",
             show_default=False,
         ),
     ] = None,
@@ -204,19 +213,24 @@ def estimate(
 
     With --whole: infer from all of it. Of a CSV file name the columns: --columns time,person,x,y.
     """
-    if collision_weight is not None and not whole:
-        raise ValueError("--collision-weight: needs --whole")
+    if whole and observe is not None:
+        raise ValueError("--observe: --whole observes everything; give one of the two")
+    if collision_weight is not None and not whole and observe is None:
+        raise ValueError("--collision-weight: needs --whole or --observe")
     from foresight_env.datasets import open_recording
 
     named = table_columns(columns)
     opened = open_recording(file, recording=recording, columns=named, rate=rate)
     agents = None if ids is None else tuple(part.strip() for part in ids.split(","))
-    if whole:
-        from evaluation.cli.whole_encounters import estimate_whole
+    if whole or observe is not None:
+        from evaluation.cli.whole_encounters import estimate_part, estimate_whole
         from foresight_env.scenarios.encounter import COLLISION_WEIGHT
 
         weight = COLLISION_WEIGHT if collision_weight is None else collision_weight
-        estimate_whole(opened, agents, count or None, weight, pictures, out)
+        if observe is None:
+            estimate_whole(opened, agents, count or None, weight, pictures, out)
+        else:
+            estimate_part(opened, agents, count or None, weight, observe, pictures, out)
         return
     from evaluation.cli.demonstration import estimate_recorded
 
@@ -253,21 +267,21 @@ def report(
 def demo(
     data: Annotated[
         Path | None,
-        typer.Option(help="A recording to end on; default: one that the project makes itself."),
+        typer.Option(help="A recording to begin with; default: one that the project makes itself."),
     ] = None,
     columns: ColumnsOption = None,
     rate: RateOption = None,
     workers: WorkersOption = None,
     out: OutOption = Path("results/demo"),
 ) -> None:
-    """The whole idea in about two minutes: agents, inference, comparison, recorded data."""
+    """The whole idea in about two minutes: recorded data, comparison, one episode, accuracy."""
     if data is None and (columns is not None or rate is not None):
         raise ValueError("--columns, --rate: need --data")
     from foresight_env.datasets import open_recording
 
     named = table_columns(columns)
     opened = None if data is None else open_recording(data, columns=named, rate=rate)
-    from evaluation.cli.demonstration import demonstrate
+    from evaluation.cli.demo import demonstrate
 
     demonstrate(opened, workers, out)
 

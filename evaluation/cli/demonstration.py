@@ -1,4 +1,4 @@
-"""Commands of the demonstration, step by step, with explanations."""
+"""Commands that run episodes, studies and estimates, and print and draw what they find."""
 
 from __future__ import annotations
 
@@ -45,15 +45,13 @@ from evaluation.reports.tables import (
     told_gamma,
 )
 from evaluation.reports.terminal import terminal
-from evaluation.reports.value import print_value, value_figure
 from evaluation.rollout.endings import ending
 from evaluation.rollout.episode import episode, inferred
-from evaluation.rollout.places import SETTINGS
 from evaluation.rollout.setting import RunSetting
 from evaluation.samples import junction as junction_sample
 from evaluation.samples.junction import write_junction_sample
-from evaluation.samples.recording import true_gammas, write_sample
-from evaluation.studies import closed_loop, estimation, prediction, value
+from evaluation.samples.recording import write_sample
+from evaluation.studies import closed_loop, estimation, prediction
 from evaluation.studies import driving as driving_study
 from evaluation.studies import intersection as intersection_study
 from evaluation.studies.closed_loop import ClosedLoop, summarise
@@ -63,17 +61,9 @@ from evaluation.studies.intersection import least_observed, observed_steps
 from evaluation.studies.junction_comparison import compare
 from evaluation.windows.encounters import PREDICTORS, encounters, forecast
 from evaluation.windows.intersection import Choice, contradictions, load
-from foresight_env.datasets import Recording, open_recording
+from foresight_env.datasets import Recording
 from foresight_env.inverse import Profile
 
-DEMO_SETTING = "crowd-3-far"
-"""Settings in which knowing the others' discount factors is worth much (docs/measurements.md)."""
-DEMO_SEEDS = range(6)
-DEMO_INTRODUCTION = (
-    "An ego (gamma 0.95) crosses the way of two others, whose discount factors it does not know: "
-    "between 0.7 and 1. The oracle knows them and plays the others' own equilibrium; infer-gamma "
-    "infers them from noisy observations; assume-gamma-1 takes them for 1."
-)
 TRIAL_STD = 0.05
 """Noise of the representative trial, m and m/s."""
 
@@ -88,10 +78,11 @@ def run_one(ego: str, seed: int, setting: RunSetting, human: bool, out: Path) ->
         for step in episode(env, setting, ego, seed):
             env.set_overlay(overlay_of(step, ego, setting))
         env.close()
-    _draw(console, ego, seed, setting, out)
+    draw_run(console, ego, seed, setting, out)
 
 
-def _draw(console: Console, ego: str, seed: int, setting: RunSetting, out: Path) -> None:
+def draw_run(console: Console, ego: str, seed: int, setting: RunSetting, out: Path) -> None:
+    """Run one episode, print what became known and draw it."""
     with console.status(f"running ego {label_of(ego)} (the first steps compile)"):
         shown = draw_episode(ego, seed, setting, out)
     last = shown.steps[-1]
@@ -128,10 +119,11 @@ def _draw(console: Console, ego: str, seed: int, setting: RunSetting, out: Path)
     console.print(table)
     for path in (shown.animation, shown.still, shown.curve):
         if path is not None:
-            _tell(console, path)
+            print_picture(console, path)
 
 
-def _tell(console: Console, picture: Path) -> None:
+def print_picture(console: Console, picture: Path) -> None:
+    """Print where a picture is, in one line."""
     console.print(f"picture: {picture}", soft_wrap=True, markup=False)
 
 
@@ -164,7 +156,7 @@ def evaluate_crosswalk(
         rows = estimation.study(out / "estimation", levels, sequences, workers=workers)
         print_estimation(console, rows)
         pictures.append(error_against_noise(rows, out / "error_against_noise.png"))
-        pictures.append(_trial(console, out))
+        pictures.append(draw_trial(console, out))
     if grid:
         with console.status("heatmap of the objective"):
             values = heatmap(grid)
@@ -173,7 +165,7 @@ def evaluate_crosswalk(
         objective_heatmap(values, out / f"{HEATMAP_NAME}.pdf")
         pictures.append(objective_heatmap(values, out / f"{HEATMAP_NAME}.png"))
     for path in pictures:
-        _tell(console, path)
+        print_picture(console, path)
 
 
 def evaluate_driving(
@@ -194,10 +186,11 @@ def evaluate_driving(
     for scene in scenes:
         for other in others:
             path = out / f"{scene}_{other}.png"
-            _tell(console, distances_over_time(rows, scene, other, egos, path))
+            print_picture(console, distances_over_time(rows, scene, other, egos, path))
 
 
-def _trial(console: Console, out: Path) -> Path:
+def draw_trial(console: Console, out: Path) -> Path:
+    """Fit one noisy crossing by every method and draw it."""
     with console.status("representative trial"):
         seen, _ = estimation.observe("full", TRIAL_STD, 0, "soft")
         fits = {
@@ -250,9 +243,9 @@ def evaluate_intersection(
         compared = compare(case, known, parameters)
     print_comparison(console, case, known, compared)
     print_compared_gammas(console, case, compared)
-    _tell(console, error_over_noise(rows, out / "error_against_noise.png"))
+    print_picture(console, error_over_noise(rows, out / "error_against_noise.png"))
     snapshot(case, known, compared, out / f"{SNAPSHOT}.pdf")
-    _tell(console, snapshot(case, known, compared, out / f"{SNAPSHOT}.png"))
+    print_picture(console, snapshot(case, known, compared, out / f"{SNAPSHOT}.png"))
 
 
 def evaluate_prediction(
@@ -275,9 +268,9 @@ def evaluate_prediction(
         out / "study", data, predictors, split=split, windows=windows, workers=workers
     )
     print_prediction(console, rows, recordings=recordings)
-    _tell(console, error_over_time(rows, out / "error_over_time.png"))
+    print_picture(console, error_over_time(rows, out / "error_over_time.png"))
     if curves(rows):
-        _tell(console, draw_reliability(rows, out / "reliability.png"))
+        print_picture(console, draw_reliability(rows, out / "reliability.png"))
 
 
 def estimate_recorded(
@@ -304,44 +297,4 @@ def estimate_recorded(
         window = encounter.window
         names = "_".join(a.replace(":", "") for a in window.agents)
         path = out / f"{window.recording}_{names}.png"
-        _tell(console, recorded_encounter(encounter, forecasts, path))
-
-
-def demonstrate(data: Recording | None, workers: Workers, out: Path) -> None:
-    """`foresight demo`."""
-    console = terminal()
-    if data is not None:
-        encounters(data, count=2)  # that there is none is reported at once, not after two minutes
-    # The study comes first: its processes compile side by side what the later parts need.
-    setting = SETTINGS[DEMO_SETTING]
-    console.rule("1. The value of knowing the others' foresight: four egos, the same crossings")
-    console.print(DEMO_INTRODUCTION)
-    egos = ("oracle", "infer-gamma", "assume-gamma-1", "constant-velocity")
-    # What an earlier version left there would hide the results of this one.
-    rows = value.study(
-        out / "value", (DEMO_SETTING,), egos, DEMO_SEEDS, workers=workers, clairvoyant=False,
-        fresh=True,
-    )  # fmt: skip
-    print_value(console, rows, (DEMO_SETTING,), egos, "oracle")
-    _tell(console, value_figure(rows, (DEMO_SETTING,), egos, out / "value.png"))
-    console.rule("2. One of them: the ego infers the others' foresight while it walks")
-    _draw(console, "infer-gamma", DEMO_SEEDS[0], setting, out / "episode")
-    console.rule("3. How well can foresight be inferred? Error against noise")
-    # In this process: compiling takes longer than these few fits, and the next picture needs it.
-    rows = estimation.study(out / "estimation", 3, 3, observations=("full",), workers=0, fresh=True)
-    print_estimation(console, rows)
-    _tell(console, error_against_noise(rows, out / "error_against_noise.png"))
-    _tell(console, _trial(console, out))
-    console.rule("4. Recorded data")
-    if data is None:
-        told = ", ".join(f"{name} {gamma:g}" for name, gamma in true_gammas().items())
-        console.print(
-            "No --data given: this recording was made by the project itself, in the DUT format, "
-            f"from a game with known discount factors: {told}. Where such encounters are short, "
-            'the observations leave them "open".'
-        )
-        made = write_sample(out / "recorded")
-        console.print(f"recording: {made}", soft_wrap=True, markup=False)
-        estimate_recorded(open_recording(made), None, 2, True, out / "recorded")
-    else:
-        estimate_recorded(data, None, 2, True, out / "recorded")
+        print_picture(console, recorded_encounter(encounter, forecasts, path))

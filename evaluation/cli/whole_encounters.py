@@ -1,4 +1,4 @@
-"""`foresight estimate --whole`: discount factors of whole recorded encounters."""
+"""`foresight estimate --whole` and `--observe`: discount factors of recorded encounters."""
 
 from __future__ import annotations
 
@@ -14,7 +14,12 @@ from rich.markup import escape
 from rich.table import Table
 
 from evaluation.reports.figures import save
+from evaluation.reports.partial_encounter import (
+    partial_encounter_picture,
+    print_partial_encounters,
+)
 from evaluation.reports.terminal import terminal
+from evaluation.windows.partial_encounter import predict_encounters
 from evaluation.windows.whole_encounter import WholeEncounter, fit_whole_encounters
 from foresight_env.datasets import Recording
 
@@ -41,6 +46,32 @@ def estimate_whole(
     for fit in fits if pictures else ():
         names = "_".join(name.replace(":", "") for name in fit.agents)
         path = whole_encounter_picture(fit, out / f"{fit.recording}_{names}_whole.png")
+        console.print(f"picture: {path}", soft_wrap=True, markup=False)
+
+
+def estimate_part(
+    recording: Recording,
+    agents: tuple[str, ...] | None,
+    count: int | None,
+    collision_weight: float,
+    observed_seconds: float,
+    pictures: bool,
+    out: Path,
+) -> None:
+    """`foresight estimate --observe`: a table, and a picture of each encounter."""
+    console = terminal()
+    with console.status("inferring (the first fit compiles)"):
+        found = predict_encounters(
+            recording,
+            observed_seconds,
+            agents=agents,
+            count=count,
+            collision_weight=collision_weight,
+        )
+    print_partial_encounters(console, found)
+    for encounter in found if pictures else ():
+        names = "_".join(name.replace(":", "") for name in encounter.agents)
+        path = partial_encounter_picture(encounter, out / f"{encounter.recording}_{names}_part.png")
         console.print(f"picture: {path}", soft_wrap=True, markup=False)
 
 

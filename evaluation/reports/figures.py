@@ -248,7 +248,8 @@ def gamma_over_time(
         axes.plot(t, mean, color=AGENTS[j], label=f"agent {j}, inferred")
         half = INTERVAL_DEVIATIONS * deviation
         axes.fill_between(
-            t, mean - half, mean + half, color=AGENTS[j], alpha=0.2, lw=0,
+            t, np.maximum(mean - half, 0.0), np.minimum(mean + half, 1.0), color=AGENTS[j],
+            alpha=0.2, lw=0,
             label=f"agent {j}, 90 % interval",
         )  # fmt: skip
         if not np.isnan(true[j]):

@@ -157,6 +157,8 @@ def value_figure(
     saved.set_yticks([-k for k in range(len(settings))], settings)
     saved.set_xlabel(f"cost saved against {BASELINE} [%], 95 %,\nwhere neither is harmed")
     harm.set_xlabel("episodes with a collision or off the road [%]")
+    if not any(bar.get_width() for bar in harm.patches):
+        harm.text(0.5, 0.5, "none", transform=harm.transAxes, ha="center", va="center")
     harm.set_xlim(0.0, max(10.0, harm.get_xlim()[1]))
     names = [Patch(color=colour_of(ego), label=label_of(ego)) for ego in (BASELINE, *shown)]
     figure.legend(handles=names, fontsize=8, loc="outside upper center", ncols=len(names))

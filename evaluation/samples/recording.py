@@ -1,7 +1,7 @@
 """A small recording in the DUT format that the project makes itself, for want of a real one.
 
-Two people cross each other's way, and a car theirs; the recording holds what the encounter game
-with hidden discount factors lets them do, plus measurement noise.
+Two people cross each other's way, and twice a person a car's; the recording holds what the
+encounter game with hidden discount factors lets them do, plus measurement noise.
 """
 
 from __future__ import annotations
@@ -22,12 +22,17 @@ SECONDS = 9.5
 PEOPLE_STATES = ((-6.0, 0.0, 1.3, 0.0), (0.2, -6.3, 0.0, 1.35))
 """`[px, py, vx, vy]` (m, m/s) of two people, who would keep their velocities."""
 PEOPLE_GAMMAS = (0.9, 0.5)
-DRIVEN_STATES = ((-24.0, 20.0, 5.0, 0.0), (0.0, 14.5, 0.1, 1.3))
-"""`[px, py, v, psi]` (m, m/s, rad) of a car, which would keep its speed, and a person's."""
-DRIVEN_GAMMAS = (0.6, 0.95)
+DRIVEN = (
+    (((0.0, -40.0, 4.5, 0.0), (14.0, -44.5, 0.0, 1.3)), (0.6, 0.9)),
+    (((0.0, 40.0, 4.0, 0.0), (13.0, 44.5, 0.0, -1.3)), (0.7, 0.95)),
+)
+"""`[px, py, v, psi]` (m, m/s, rad) of a car, which would keep its speed, and a person's
+`[px, py, vx, vy]`, with their discount factors: the person waits, the car turns aside late."""
+COLLISION_WEIGHT = 2.0
+"""Of all; larger than that of recorded people, so that short encounters identify gammas."""
 ENCOUNTERS = (
     (("pedestrian", "pedestrian"), PEOPLE_STATES, PEOPLE_GAMMAS),
-    (("car", "pedestrian"), DRIVEN_STATES, DRIVEN_GAMMAS),
+    *((("car", "pedestrian"), *encounter) for encounter in DRIVEN),
 )
 
 
@@ -43,7 +48,10 @@ def made_recording(seed: int = 0, noise_std: float = 0.01) -> Recording:
         game = encounter_game(kinds, steps, dt)
         first = [np.array(state) for state in starts]
         theta = [
-            player_theta(kind, (state[2], 0.0) if is_vehicle(kind) else state[2:])
+            {
+                **player_theta(kind, (state[2], 0.0) if is_vehicle(kind) else state[2:]),
+                "collision_weight": COLLISION_WEIGHT,
+            }
             for kind, state in zip(kinds, first, strict=True)
         ]
         solution = solve(game, first, theta, np.array(gamma), throw=True)
@@ -76,6 +84,13 @@ def true_gammas() -> dict[str, float]:
             number = sum(name.startswith(label) for name in found)
             found[f"{label}:{number}"] = gamma
     return found
+
+
+def driven_pairs() -> tuple[tuple[str, str], ...]:
+    """Each car with the person whom it meets."""
+    names = iter(true_gammas())
+    pairs = [(kinds, (next(names), next(names))) for kinds, _, _ in ENCOUNTERS]
+    return tuple(pair for kinds, pair in pairs if is_vehicle(kinds[0]))
 
 
 def write_sample(folder: Path) -> Path:

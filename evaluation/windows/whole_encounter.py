@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from evaluation.windows.encounters import EncounterError, crossing_of
-from foresight_env.datasets import Interaction, Recording, closest_crossings
+from foresight_env.datasets import Interaction, Recording, Window, closest_crossings
 from foresight_env.equilibrium import Status
 from foresight_env.games import positions
 from foresight_env.games.kinds import is_vehicle
@@ -118,6 +118,28 @@ def fit_whole_encounter(
         EncounterError: an agent has fewer than `LEAST_STEPS` positions in the window, or no fit
             succeeds.
     """
+    dt, window = encounter_window(recording, interaction)
+    observed = np.array(window.states[..., :2])
+    found, noise_std = fit_positions(window.kinds, dt, observed, collision_weight, noise_std)
+    if int(found.status) != Status.SOLVED:
+        raise EncounterError(f"{' and '.join(interaction.agents)}: no fit of the game succeeds")
+    return WholeEncounter(recording.name, interaction.agents, dt, observed, noise_std, found)
+
+
+def encounter_window(recording: Recording, interaction: Interaction) -> tuple[float, Window]:
+    """Cut out `WINDOW_SECONDS` around the crossing of two agents, steps near `STEP_SECONDS`.
+
+    Args:
+        recording: with both agents.
+        interaction: their crossing.
+
+    Returns:
+        Seconds per step, and the window, which begins `BEFORE_SECONDS` before the first agent
+        reaches the crossing point, or where both are there.
+
+    Raises:
+        EncounterError: an agent has fewer than `LEAST_STEPS` positions in it.
+    """
     rows = max(1, round(STEP_SECONDS * recording.rate / recording.frame_step))
     every = rows * recording.frame_step
     dt = every / recording.rate
@@ -134,16 +156,38 @@ def fit_whole_encounter(
             f"{' and '.join(interaction.agents)}: {least} positions {dt:.2g} s apart around the "
             f"crossing; expected at least {LEAST_STEPS} of each agent"
         )
-    observed = np.array(window.states[..., :2])
-    found = _fit(window.kinds, dt, observed, collision_weight, noise_std or ASSUMED_NOISE)
+    return dt, window
+
+
+def fit_positions(
+    kinds: tuple[str, ...],
+    dt: float,
+    observed: Float[np.ndarray, "K 2 2"],
+    collision_weight: float,
+    noise_std: float | None = None,
+    infer_gamma: bool = True,
+) -> tuple[Estimate, float]:
+    """Fit the encounter game to positions.
+
+    Args:
+        kinds: of the agents.
+        dt: seconds per step.
+        observed: m; NaN where there is none.
+        collision_weight: of the game, known.
+        noise_std: of the positions, m; None estimates it from the residuals of a first fit.
+        infer_gamma: False takes all discount factors for 1.
+
+    Returns:
+        The estimate, with 90 % intervals by profile likelihood where discount factors are
+        inferred, and the noise's standard deviation (m).
+    """
+    found = _fit(kinds, dt, observed, collision_weight, noise_std or ASSUMED_NOISE, infer_gamma)
     if noise_std is None:
         residuals = np.stack([s[:, :2] for s in found.solution.states], axis=1) - observed
         free = residuals[~np.isnan(residuals)].size - len(found.parameters)
         noise_std = max(LEAST_NOISE, float(np.sqrt(np.nansum(residuals**2) / max(1, free))))
-        found = _fit(window.kinds, dt, observed, collision_weight, noise_std)
-    if int(found.status) != Status.SOLVED:
-        raise EncounterError(f"{' and '.join(interaction.agents)}: no fit of the game succeeds")
-    return WholeEncounter(recording.name, interaction.agents, dt, observed, noise_std, found)
+        found = _fit(kinds, dt, observed, collision_weight, noise_std, infer_gamma)
+    return found, noise_std
 
 
 def _fit(
@@ -152,6 +196,7 @@ def _fit(
     observed: Float[np.ndarray, "K 2 2"],
     collision_weight: float,
     noise_std: float,
+    infer_gamma: bool,
 ) -> Estimate:
     game = encounter_game(kinds, len(observed) - 1, dt)
     model = positions(game.state_sizes)
@@ -170,12 +215,12 @@ def _fit(
         model,
         initial_state=first,
         theta=theta,
-        gamma=0.8,
+        gamma=0.8 if infer_gamma else 1.0,
         free=[
-            Free(("speed", "curvature") if is_vehicle(kind) else ("velocity",), True, True)
+            Free(("speed", "curvature") if is_vehicle(kind) else ("velocity",), infer_gamma, True)
             for kind in kinds
         ],
         covariance=noise_std**2,
         starts=MultiStart(4),
-        profile=Profile(),
+        profile=Profile() if infer_gamma else None,
     )

@@ -191,6 +191,10 @@ def test_a_table_of_your_own(tmp_path):
     assert re.search(r"ann +│ +0\.8\d │ +0\.8\d to 0\.9\d", told.stdout)
     with Image.open(out / "walkers_bob_ann_whole.png") as picture:
         assert picture.width > 100
+    told = call(*table, "--observe", 2.8, "--collision-weight", 5)
+    assert told.exit_code == 0, told.output
+    assert re.search(r"ann +│ +[01]\.\d\d \[", told.stdout)
+    assert (out / "walkers_bob_ann_part.png").exists()
     named = ("--columns", "agent=person", "--rate", 10)
     told = call("estimate", file, *named, "--no-pictures", "--out", out)
     assert told.exit_code == 0, told.output
@@ -206,7 +210,8 @@ def test_a_table_of_your_own(tmp_path):
         (("--columns", "time,person,x,y"), "rate: is missing"),
         (("--columns", "time,person,x,y", "--rate", 7), "walkers.csv:3: time is 0.1; expected"),
         (("--rate", 10), "not recognised"),
-        (("--collision-weight", 5), "--collision-weight: needs --whole"),
+        (("--collision-weight", 5), "--collision-weight: needs --whole or --observe"),
+        (("--whole", "--observe", 2), "--observe: --whole observes everything"),
     ],
 )
 def test_a_table_that_cannot_be_read(tmp_path, options, told):
