@@ -55,6 +55,7 @@ def augmented(example: Example, key: PRNGKeyArray) -> Example:
         seen=seen,
         routes=routes,
         kinematic=scene.kinematic * across,
+        roughness=scene.roughness * size,
         frames=frames,
         start=start,
         window=scene.window * across,

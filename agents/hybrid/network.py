@@ -29,6 +29,8 @@ SPREAD = 4
 """Numbers of a deviation: along and across, growing like `t` and like `t^1.7`."""
 UNIT = (1.0, 0.5)
 """Coefficients are in units of this many metres, and of this many seconds times the speed."""
+LEAST_ROUGHNESS = 1e-3
+"""m; interpolated positions have none."""
 
 
 class Proposals(NamedTuple):
@@ -62,6 +64,9 @@ class ProposalNetwork(eqx.Module):
     keep: eqx.nn.Linear
     trait: eqx.nn.MLP
     noise: Float[Array, ""]
+    share: Float[Array, ""]
+    """Of the central future's departure from kinematic motion; less than 1 where a network that
+    has not seen a recording departs too far."""
 
     def __init__(
         self,
@@ -77,7 +82,7 @@ class ProposalNetwork(eqx.Module):
         make = eqx.nn.MLP
         points = 2 * len(ROUTE_POINTS) + 1
         self.embed = make(
-            KNOWN * 5 + 4 + COEFFICIENTS, width, width, 2, activation=jax.nn.gelu, key=keys[0]
+            KNOWN * 5 + 6 + COEFFICIENTS, width, width, 2, activation=jax.nn.gelu, key=keys[0]
         )
         self.route = make(points, width, width, 1, activation=jax.nn.gelu, key=keys[1])
         self.blocks = tuple(Block(width, heads, key=k) for k in keys[7:])
@@ -91,6 +96,7 @@ class ProposalNetwork(eqx.Module):
         self.trait = make(width, 4 * HYPOTHESES, width, 1, activation=jax.nn.gelu, key=keys[5])
         self.keep = eqx.nn.Linear(width, 1, key=keys[6])
         self.noise = jnp.asarray(-2.0)
+        self.share = jnp.asarray(1.0)
 
     def __call__(self, scene: Scene) -> Proposals:
         """Return proposals; those of empty places mean nothing."""
@@ -99,19 +105,22 @@ class ProposalNetwork(eqx.Module):
         size = jnp.stack([bodies.half_length, bodies.half_width], axis=1)
         unit = units(scene)
         kinematic = jnp.asarray(scene.kinematic).reshape(count, -1) / unit[:, None]
-        flat = [jnp.reshape(seen.past, (count, -1)), jnp.asarray(seen.kind), size, kinematic]
+        rough = jnp.log(jnp.asarray(scene.roughness) + LEAST_ROUGHNESS)
+        past = jnp.reshape(seen.past, (count, -1))
+        flat = [past, jnp.asarray(seen.kind), size, kinematic, rough]
         tokens = jax.vmap(self.embed)(jnp.concatenate(flat, axis=1))
         routes = jnp.asarray(scene.routes)
         ways = jax.vmap(jax.vmap(self.route))(routes)
         tokens = tokens + jnp.max(jnp.where(routes[..., -1:] > 0.5, ways, 0.0), axis=1)
         for block in self.blocks:
             tokens = block(tokens, jnp.asarray(seen.others), jnp.asarray(seen.there))
-        anchors = jax.lax.stop_gradient(self.anchors)
+        anchors, share = jax.lax.stop_gradient((self.anchors, self.share))
 
         def proposed(token: Array, unit: Array, kinematic: Array) -> tuple[Array, Array, Array]:
             raw = jax.vmap(lambda query: self.future(jnp.concatenate([token, query])))(self.query)
             ways = (anchors + raw[:, :COEFFICIENTS]).at[0].set(self.central(token))
             ways = ways + jax.nn.sigmoid(self.keep(token)) * kinematic
+            ways = ways.at[0].set(kinematic + share * (ways[0] - kinematic))
             logits = raw[:, -1]
             # The central future is the most likely.
             first = jnp.max(logits[1:]) + jax.nn.softplus(logits[0])

@@ -40,6 +40,8 @@ class Scene(NamedTuple):
     one."""
     kinematic: Float32[np.ndarray, "*b A B 2"]
     """Coefficients of motion with constant turn rate and acceleration; of people, velocity."""
+    roughness: Float32[np.ndarray, "*b A 2"]
+    """How much a velocity changes from step to step, m: the agent's own median, the scene's."""
     frames: Frames
     """Now."""
     bodies: Bodies
@@ -83,6 +85,7 @@ def scene_of(history: History, agents: int) -> tuple[Scene, Float32[np.ndarray, 
         seen,
         _routes(plain, now.velocity, agents),
         placed(_kinematic(history, now)),
+        placed(_roughness(history)[:count]),
         frames,
         _bodies(history, agents),
         start,
@@ -116,6 +119,22 @@ def _kinematic(history: History, now: LearnedFrames) -> Float[np.ndarray, "A B 2
     away = at.swapaxes(1, 2) - now.place[:, None] - times[:, None] * now.velocity[:, None]
     fitted = np.linalg.pinv(GAME_BASIS.value.astype(float))
     return np.einsum("bt,ati,aik->abk", fitted, away, now.rotation)
+
+
+def _roughness(history: History) -> Float[np.ndarray, "N 2"]:
+    """Medians of the lengths of positions' second differences, over `STEP`.
+
+    Annotated positions are noisy in some recordings and interpolated in others: the former's last
+    velocity is to be smoothed, the latter's is exact.
+    """
+    turns = [
+        np.hypot(*np.diff(history.states[:, i, :2], 2, axis=0).T) * (STEP / history.dt) ** 2
+        for i in range(len(history.kinds))
+    ]
+    known = [found[~np.isnan(found)] for found in turns]
+    whole = np.concatenate(known)
+    scene = float(np.median(whole)) if whole.size else 0.0
+    return np.array([[np.median(own) if own.size else scene, scene] for own in known])
 
 
 def _bodies(history: History, agents: int) -> Bodies:

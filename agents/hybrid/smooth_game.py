@@ -24,7 +24,7 @@ from jaxtyping import Array, Bool, Float
 
 from foresight_env.games.types import AnyArray, Scalar
 
-APPROACH = 3
+APPROACH = 6
 """Steps with Newton's matrix without the depths' own curvature, in which no cost is concave."""
 FINISH = 4
 """Steps with the whole matrix: they converge quadratically. `benchmarks.hybrid` counts the games

@@ -23,6 +23,7 @@ from agents.hybrid.augmentation import augmented
 from agents.hybrid.futures import GameUse, joint_futures
 from agents.hybrid.loss import Example, futures_loss, negative_log_likelihood
 from agents.hybrid.network import COEFFICIENTS, MODES, UNIT, ProposalNetwork
+from agents.hybrid.smooth_game import positions
 from agents.hybrid.strategies import GAME_BASIS
 from agents.learned.training import Epoch, Schedule, Trained, every_array, train
 from agents.learned.weights import halved, single
@@ -36,6 +37,8 @@ PROPOSING = Schedule(
 """Of the network alone."""
 PLAYING = Schedule(epochs=2, batch=32, rate=1e-3, decay=1e-2, patience=3, warmup=50, most_norm=1.0)
 """Of the traits."""
+SHARES = np.linspace(0.5, 1.0, 11)
+"""Of the central future's departure from kinematic motion (`ProposalNetwork.share`)."""
 SAMPLE = 4000
 """Futures that anchors are chosen from."""
 
@@ -45,9 +48,9 @@ class Fold(NamedTuple):
 
     others: Example
     held: Example
-    """Of S scenes."""
+    """Of S windows in which agents interact."""
     recording: Int[np.ndarray, "S"]
-    """Numbers of the held scenes' recordings, from 0."""
+    """Numbers of the held windows' recordings, from 0."""
 
 
 class TrainingData(NamedTuple):
@@ -66,6 +69,7 @@ def learn_hybrid(
     folder: Path,
     *,
     use: GameUse = GameUse(),
+    share: float | None = None,
     proposing: Schedule = PROPOSING,
     playing: Schedule = PLAYING,
     on_epoch: Callable[[Epoch], None] = lambda epoch: None,
@@ -73,9 +77,14 @@ def learn_hybrid(
     """Train in two stages, with checkpoints below `folder`; resume from the last one.
 
     The first trains proposals alone, the second the traits of the game that `use` makes of them;
-    without a game there is no second stage.
+    without a game there is no second stage. `share`: of the network; None chooses the best for
+    the validation data.
     """
     alone = _proposing(data.proposing, data, folder / "proposing", proposing, on_epoch)
+    if share is None:
+        errors, _ = _errors(alone.network, data.proposing_validation)
+        share = float(SHARES[int(np.argmin(errors.sum(axis=0)))])
+    alone = alone._replace(network=with_share(alone.network, share))
     if not use.game:
         return alone
     return train(
@@ -103,16 +112,16 @@ def train_hybrid(
     (`cross_calibration`).
     """
     begin = time.perf_counter()
+    share, factor = None, None
+    if data.folds:
+        share, factor = cross_calibration(data, folder, proposing, on_epoch)
     found = learn_hybrid(
-        data, folder, proposing=proposing, playing=replace(PLAYING, seed=proposing.seed),
-        on_epoch=on_epoch,
+        data, folder, share=share, proposing=proposing,
+        playing=replace(PLAYING, seed=proposing.seed), on_epoch=on_epoch,
     )  # fmt: skip
     found = found._replace(network=halved(found.network))
-    factor = (
-        cross_calibration(data, folder, proposing, on_epoch)
-        if data.folds
-        else calibration(single(found.network), data.playing_validation)
-    )
+    if factor is None:
+        factor = calibration(single(found.network), data.playing_validation)
     about = {
         "network": HYBRID,
         "calibration": factor,
@@ -139,27 +148,78 @@ def _proposing(
         folder,
         schedule,
         augment=augmented,
+        trainable=all_but_anchors,
         on_epoch=on_epoch,
     )
 
 
 def cross_calibration(
     data: TrainingData, folder: Path, schedule: Schedule, on_epoch: Callable[[Epoch], None]
-) -> float:
-    """Return the factor of deviations that makes held-out recordings most likely.
+) -> tuple[float, float]:
+    """Return the share and the factor of deviations that are best for held-out recordings.
 
-    Of networks that were trained without them; every recording counts the same. Their epochs are
-    chosen on the usual validation data, which have the ends of long recordings.
+    The share (`ProposalNetwork.share`) with which central futures err least, and with it the factor
+    that makes futures most likely, in windows in which agents interact, as in the tables: there
+    futures are harder to tell than elsewhere. The networks were trained without the recordings;
+    every recording counts the same. Their epochs are chosen on the usual validation data, which
+    have the ends of long recordings.
     """
-    losses = np.zeros(len(GRID))
-    for k, fold in enumerate(data.folds):
-        path = folder / f"calibrating_{k}"
-        found = _proposing(fold.others, data, path, schedule, on_epoch)
-        each, counts = _losses(found.network, fold.held, GameUse(game=False))
-        for number in range(int(fold.recording.max()) + 1):
-            mine = fold.recording == number
-            losses += each[mine].sum(axis=0) / max(1, int(counts[mine].sum()))
-    return float(GRID[int(np.argmin(losses))])
+    networks = [
+        _proposing(fold.others, data, folder / f"calibrating_{k}", schedule, on_epoch).network
+        for k, fold in enumerate(data.folds)
+    ]
+    pairs = list(zip(networks, data.folds, strict=True))
+    errors = sum(_by_recording(*_errors(n, fold.held), fold.recording) for n, fold in pairs)
+    share = float(SHARES[int(np.argmin(errors))])
+    losses = sum(
+        _by_recording(
+            *_losses(with_share(n, share), fold.held, GameUse(game=False)), fold.recording
+        )
+        for n, fold in pairs
+    )
+    return share, float(GRID[int(np.argmin(losses))])
+
+
+def _by_recording(
+    sums: Float[np.ndarray, "S F"], counts: Int[np.ndarray, "S"], recording: Int[np.ndarray, "S"]
+) -> Float[np.ndarray, "F"]:
+    """Sum over recordings of the mean over all their agents."""
+    found = np.zeros(sums.shape[1])
+    for number in range(int(recording.max()) + 1):
+        mine = recording == number
+        found += sums[mine].sum(axis=0) / max(1, int(counts[mine].sum()))
+    return found
+
+
+def with_share(network: ProposalNetwork, share: Any) -> ProposalNetwork:
+    """Return the network with this share of the central future's departure."""
+    found: ProposalNetwork = eqx.tree_at(lambda n: n.share, network, jnp.asarray(share, jnp.float32))
+    return found
+
+
+@eqx.filter_jit
+def _errors_of_scenes(network: ProposalNetwork, examples: Example) -> Any:
+    def one(example: Example) -> Any:
+        known = jnp.asarray(example.known)
+        steps = jnp.maximum(known.sum(axis=1), 1)
+
+        def error(share: Any) -> Any:
+            found = joint_futures(with_share(network, share), example.scene, GameUse(game=False))
+            path = positions(example.scene.frames, found.strategy[0], GAME_BASIS)
+            away = jnp.linalg.norm(path - example.target, axis=-1)
+            return jnp.sum(jnp.sum(jnp.where(known, away, 0.0), axis=1) / steps)
+
+        return jax.vmap(error)(jnp.asarray(SHARES, jnp.float32)), jnp.sum(known.any(axis=1))
+
+    return jax.lax.map(one, examples)
+
+
+def _errors(
+    network: ProposalNetwork, examples: Example
+) -> tuple[Float[np.ndarray, "S F"], Int[np.ndarray, "S"]]:
+    """Displacements (m) of central futures by share, summed over a scene's agents, and those."""
+    errors, counts = _errors_of_scenes(network, examples)
+    return np.asarray(errors, float), np.asarray(counts)
 
 
 def calibration(network: ProposalNetwork, examples: Example) -> float:
@@ -184,6 +244,11 @@ def _losses(
     """Negative log-likelihoods by factor, summed over a scene's agents, and how many those are."""
     losses, counts = _losses_of_scenes(network, examples, use)
     return np.asarray(losses), np.asarray(counts)
+
+
+def all_but_anchors(network: ProposalNetwork) -> Any:
+    """Return which arrays stage one changes; the decay of weights would shrink anchors."""
+    return eqx.tree_at(lambda n: (n.anchors, n.share), every_array(network), (False, False))
 
 
 def traits_alone(network: ProposalNetwork) -> Any:

@@ -18,7 +18,12 @@ from agents.learned.features import AGENTS
 from evaluation.training.examples import LONG, VALIDATION
 from evaluation.training.generation import episodes_in
 from evaluation.training.hybrid import Fold, TrainingData
-from evaluation.training.hybrid_examples import recorded_examples, simulated_examples, stacked
+from evaluation.training.hybrid_examples import (
+    recorded_examples,
+    simulated_examples,
+    stacked,
+    window_examples,
+)
 from evaluation.windows.eth_ucy import others, read_scene_file, scene_files, scene_of
 from evaluation.windows.interaction import split_of
 from foresight_env.datasets import Recording, open_recording, recordings_below
@@ -27,6 +32,10 @@ PARTS = {"train": (0.0, 0.85), "validation": (0.85, 1.0)}
 """Of a long recording's frames."""
 FOLDS = 3
 """Of recordings, each held out once from a training that only calibrates."""
+PHASES = 2
+"""Moments per step that recordings with rows between are learned from: those of DUT and inD."""
+WINDOWS = 2
+"""How often windows in which agents interact are learned from, besides all moments."""
 PLAYING = 4
 """Places for agents in the examples of the second stage: games with fewer agents are cheaper."""
 MOST_PLAYED = 1500
@@ -48,7 +57,7 @@ def leave_one_out(data: Path, held_out: str) -> TrainingData:
 
     def examples(part: str, places: int) -> Iterable[Example]:
         for recording in recordings:
-            yield from recorded_examples(recording, places, PARTS[part])
+            yield from recorded_examples(recording, places, PARTS[part], PHASES)
 
     return _both(examples)
 
@@ -61,29 +70,37 @@ def recorded(data: Path) -> TrainingData:
     """
     recordings = [r for r in _recordings(data) if split_of(r.name) == "development"]
 
-    def of(recording: Recording, part: str, places: int) -> Iterable[Example]:
+    def of(recording: Recording, part: str, places: int) -> Iterator[Example]:
         start, end = recording.frame_range
-        if (end - start) / recording.rate > LONG:
-            yield from recorded_examples(recording, places, PARTS[part])
-        elif (part == "validation") == (recording.name in VALIDATION):
-            yield from recorded_examples(recording, places)
+        span = PARTS[part]
+        if (end - start) / recording.rate <= LONG:
+            if (part == "validation") != (recording.name in VALIDATION):
+                return
+            span = (0.0, 1.0)
+        yield from recorded_examples(recording, places, span, PHASES)
+        if part == "train":
+            windows = list(window_examples(recording, places, span))
+            yield from WINDOWS * windows
 
     def examples(part: str, places: int) -> Iterable[Example]:
         for recording in recordings:
             yield from of(recording, part, places)
 
-    whole = [list(of(r, "train", AGENTS)) for r in recordings]
-    there = [made for made in whole if made]
-    return _both(examples)._replace(folds=tuple(_folds(there)) if len(there) >= FOLDS else ())
+    there = [r for r in recordings if any(True for _ in of(r, "train", AGENTS))]
+    windows = [list(window_examples(r)) for r in there]
 
+    def fold(k: int) -> Fold:
+        rest = (r for i, r in enumerate(there) if i % FOLDS != k)
+        numbers = np.repeat(np.arange(len(windows[k::FOLDS])), list(map(len, windows[k::FOLDS])))
+        return Fold(
+            stacked([e for r in rest for e in of(r, "train", AGENTS)]),
+            stacked([e for made in windows[k::FOLDS] for e in made]),
+            numbers,
+        )
 
-def _folds(recordings: Sequence[Sequence[Example]]) -> Iterator[Fold]:
-    """Every third recording is held out; examples of each."""
-    for k in range(FOLDS):
-        held = recordings[k::FOLDS]
-        others = [e for i, made in enumerate(recordings) if i % FOLDS != k for e in made]
-        numbers = np.repeat(np.arange(len(held)), [len(made) for made in held])
-        yield Fold(stacked(others), stacked([e for made in held for e in made]), numbers)
+    enough = len(there) >= FOLDS and all(any(windows[k::FOLDS]) for k in range(FOLDS))
+    folds = tuple(fold(k) for k in range(FOLDS)) if enough else ()
+    return _both(examples)._replace(folds=folds)
 
 
 def simulated(episodes: Sequence[Path]) -> TrainingData:

@@ -18,7 +18,13 @@ from evaluation.execution.store import Row
 from evaluation.rollout.episode import observed_states
 from evaluation.rollout.places import setting_of
 from evaluation.windows.complete import near_groups
-from evaluation.windows.interaction import LEAST_OBSERVED, LEAST_PREDICTED, STEP_SECONDS, Grid
+from evaluation.windows.interaction import (
+    LEAST_OBSERVED,
+    LEAST_PREDICTED,
+    STEP_SECONDS,
+    Grid,
+    interaction_windows,
+)
 from foresight_env.datasets import Recording, RouteMemory, observed_window
 
 LEAST_SEEN = 2
@@ -41,14 +47,14 @@ def recorded_examples(
     recording: Recording,
     agents: int = AGENTS,
     span: tuple[float, float] = (0.0, 1.0),
-    stride: int = 1,
+    phases: int = 1,
 ) -> Iterator[Example]:
     """Every agent that is observed for long enough is in a scene of each moment, with others.
 
     Args:
         agents: places of a scene.
         span: part of the recording, by frames, that all steps of an example lie in.
-        stride: of moments, in steps.
+        phases: moments per step, as far as the recording has rows between.
     """
     if not recording.tracks:
         return
@@ -60,10 +66,27 @@ def recorded_examples(
     first = low + (LEAST_OBSERVED - 1) * grid.every
     # On the recording's own rows.
     first = start + -(-(first - start) // grid.every) * grid.every
-    for frame in range(first, high - LEAST_PREDICTED * grid.every + 1, stride * grid.every):
+    rows = grid.every // recording.frame_step
+    between = max(1, rows // min(phases, rows)) * recording.frame_step
+    for frame in range(first, high - LEAST_PREDICTED * grid.every + 1, between):
         yield from _moment(
             recording, grid, routes, frame, min(steps, (high - frame) // grid.every), agents
         )
+
+
+def window_examples(
+    recording: Recording, agents: int = AGENTS, span: tuple[float, float] = (0.0, 1.0)
+) -> Iterator[Example]:
+    """Every window of agents that interact, without the others who were there.
+
+    Arguments as of `recorded_examples`.
+    """
+    start, end = recording.frame_range
+    low, high = (start + part * (end - start) for part in span)
+    grid = Grid.of(recording)
+    for window in interaction_windows(recording):
+        if low <= window.frame <= high - (grid.predicted * grid.every if span[1] < 1.0 else 0):
+            yield example_of(window.history, window.truth, agents)
 
 
 def _moment(
