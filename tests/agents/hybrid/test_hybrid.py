@@ -128,7 +128,7 @@ def test_games_keep_agents_apart_that_their_proposals_do_not():
 def test_the_window_prefers_the_traits_that_it_was_made_with(polite):
     """Positions of a solved game, of agents who make way for each other or do not."""
     history = walkers(gap=0.0)  # they meet in the window
-    history.states[:, :, 0] += np.array([0.0, 0.4, -0.3])
+    history.states[:, :, 0] += np.array([0.0, 0.5, -0.3])
     history.states[:, :, 1] += np.array([0.3, 0.0, 0.0])
     scene, _ = scene_of(history, PLACES)
     start = scene.start
@@ -201,6 +201,7 @@ def test_the_loss_has_finite_derivatives_and_falls_along_its_gradient():
 def test_augmentation_is_a_change_of_axes_and_length(seed):
     """Features and frames of the changed scene are those of the changed tracks."""
     history = walkers(seed)
+    history.states[2, :, :2] += 0.1  # not straight: velocities change
     scene, middle = scene_of(history, PLACES)
     truth = np.repeat(history.states[-1:, :, :2], STEPS, axis=0)
     example = Example(scene, *targets(scene, middle, truth, STEP, STEPS))
@@ -215,6 +216,7 @@ def test_augmentation_is_a_change_of_axes_and_length(seed):
         np.testing.assert_allclose(got, wanted, atol=1e-4)
     np.testing.assert_allclose(found.scene.seen.others, again.seen.others, atol=1e-4)
     np.testing.assert_allclose(found.scene.seen.kind, again.seen.kind, atol=1e-4)
+    np.testing.assert_allclose(found.scene.roughness, again.roughness, atol=1e-4)
     kept = np.asarray(found.scene.seen.past)[..., 4] > 0.5
     np.testing.assert_allclose(
         np.where(kept[..., None], found.scene.seen.past, 0.0),
@@ -268,6 +270,30 @@ def test_the_last_velocity_is_a_mean_of_the_last_ones():
     before = history.states[-2, 0, 2:]
     np.testing.assert_allclose(found.states[-1, 0, 2:], RECENT[0] * 5.0 + (1 - RECENT[0]) * before)
     np.testing.assert_array_equal(found.states[:-1], history.states[:-1])
+
+
+def test_roughness_by_hand():
+    """Second differences: 0, 0.2 and 0.4 m of the first, none of the others."""
+    history = walkers(steps=5)
+    history.states[1:, 0, 0] += np.array([0.0, 0.0, 0.2, 0.8])
+    history.states[:3, 1] = np.nan  # observed twice: the scene's stands for its own
+    scene, _ = scene_of(history, PLACES)
+    np.testing.assert_allclose(scene.roughness[:3], [[0.2, 0.0], [0.0, 0.0], [0.0, 0.0]], atol=1e-5)
+    np.testing.assert_array_equal(scene.roughness[3], 0.0)
+    half, _ = scene_of(replace(history, dt=2.0 * STEP), PLACES)
+    np.testing.assert_allclose(half.roughness[0, 0], 0.05, atol=1e-5)
+
+
+def test_the_share_of_the_central_departure():
+    scene, _ = scene_of(walkers(), PLACES)
+    kinematic = np.asarray(scene.kinematic)
+    whole, half, none = (
+        eqx.tree_at(lambda n: n.share, network(), jnp.asarray(share))(scene).preferred
+        for share in (1.0, 0.5, 0.0)
+    )
+    np.testing.assert_allclose(none[0], kinematic, atol=1e-5)
+    np.testing.assert_allclose(half[0], 0.5 * (whole[0] + kinematic), atol=1e-5)
+    np.testing.assert_array_equal(half[1:], whole[1:])
 
 
 def test_routes_ahead_are_in_the_drivers_axes():
