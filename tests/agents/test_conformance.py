@@ -18,8 +18,17 @@ from agents.predictors.kinematic import ConstantVelocityPredictor
 from agents.registry import CROSSWALK_EGOS
 from foresight_env.envs.crosswalk_v0 import parallel_env
 
-PLAYING = ("encounter-game", "encounter-game-gamma-1", "kkt-residual", "particle-filter")
+PLAYING = (
+    "encounter-game",
+    "encounter-game-gamma-1",
+    "junction-game",
+    "junction-game-gamma-1",
+    "kkt-residual",
+    "particle-filter",
+)
 """Predictors that compile a game for each set of classes and each horizon."""
+MORE = {"junction-game": ("a car and a pedestrian", "a car on a route")}
+"""Further cases of predictors that read more than positions."""
 FEW = (
     "two pedestrians",
     "a single observation",
@@ -31,7 +40,8 @@ FEW = (
 @pytest.mark.parametrize("name", PREDICTORS)
 def test_every_registered_predictor_conforms(name):
     cases = (*histories(), *context_histories())
-    chosen = [(case, h) for case, h in cases if name not in PLAYING or case in FEW]
+    few = (*FEW, *MORE.get(name, ()))
+    chosen = [(case, h) for case, h in cases if name not in PLAYING or case in few]
     check_predictor(make_predictor(name), chosen)
 
 
