@@ -193,7 +193,9 @@ def _by_recording(
 
 def with_share(network: ProposalNetwork, share: Any) -> ProposalNetwork:
     """Return the network with this share of the central future's departure."""
-    found: ProposalNetwork = eqx.tree_at(lambda n: n.share, network, jnp.asarray(share, jnp.float32))
+    found: ProposalNetwork = eqx.tree_at(
+        lambda n: n.share, network, jnp.asarray(share, jnp.float32)
+    )
     return found
 
 

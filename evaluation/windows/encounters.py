@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 from agents.interfaces.predictor import Forecast
 from agents.registry import make_predictor
@@ -17,6 +18,7 @@ from foresight_env.datasets import (
     find_interaction,
 )
 
+Made = TypeVar("Made")
 LEAD_SECONDS = 2.0
 """The prediction starts this long before the first agent reaches the crossing point, or as soon as
 both have been seen `LEAST_OBSERVED` times, whichever is later."""
@@ -117,6 +119,45 @@ def crossing_of(recording: Recording, agents: Sequence[str]) -> Interaction:
         return find_interaction(recording, (agents[0], agents[1]))
     except ValueError as error:
         raise EncounterError(f"ids: {error}") from error
+
+
+def of_crossings(
+    recording: Recording,
+    agents: Sequence[str] | None,
+    count: int | None,
+    make: Callable[[Interaction], Made],
+    done: str,
+) -> tuple[Made, ...]:
+    """Make something of the crossing of two given agents, or of the `count` closest crossings.
+
+    Args:
+        recording: with the agents.
+        agents: two ids; None takes the closest crossings and passes over those of which `make`
+            raises `EncounterError`.
+        count: how many; None for all.
+        make: of one crossing.
+        done: past participle for the message, such as "fitted".
+
+    Returns:
+        At least one.
+
+    Raises:
+        EncounterError: bad ids, or there is no crossing of which it can be made.
+    """
+    if agents is not None:
+        return (make(crossing_of(recording, agents)),)
+    found: list[Made] = []
+    reason = "the paths of no two agents cross"
+    for interaction in closest_crossings(recording):
+        try:
+            found.append(make(interaction))
+        except EncounterError as error:
+            reason = str(error)
+        if len(found) == count:
+            break
+    if not found:
+        raise EncounterError(f"{recording.name}: no encounter can be {done}: {reason}")
+    return tuple(found)
 
 
 def before_crossing(recording: Recording, interaction: Interaction) -> Encounter:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -12,9 +11,9 @@ from jaxtyping import Float
 from agents.interfaces.predictor import History
 from agents.registry import make_predictor
 from evaluation.metrics.trajectory import displacement
-from evaluation.windows.encounters import EncounterError, crossing_of
-from evaluation.windows.whole_encounter import encounter_window, fit_positions
-from foresight_env.datasets import Interaction, Recording, closest_crossings, observed_window
+from evaluation.windows.encounters import EncounterError, of_crossings
+from evaluation.windows.whole_encounter import check_positive, encounter_window, fit_positions
+from foresight_env.datasets import Interaction, Recording, observed_window
 from foresight_env.equilibrium import Status
 from foresight_env.inverse import Estimate
 from foresight_env.scenarios.encounter import COLLISION_WEIGHT
@@ -76,26 +75,13 @@ def predict_encounters(
         EncounterError: bad ids, or there is no encounter that can be predicted.
         ValueError: a number is not positive and finite.
     """
-    for name, number in (
-        ("collision_weight", collision_weight), ("observed_seconds", observed_seconds)
-    ):  # fmt: skip
-        if not (math.isfinite(number) and number > 0.0):
-            raise ValueError(f"{name}: is {number}; expected a positive number")
-    if agents is not None:
-        crossing = crossing_of(recording, agents)
-        return (predict_encounter(recording, crossing, observed_seconds, collision_weight),)
-    found: list[PartialEncounter] = []
-    reason = "the paths of no two agents cross"
-    for crossing in closest_crossings(recording):
-        try:
-            found.append(predict_encounter(recording, crossing, observed_seconds, collision_weight))
-        except EncounterError as error:
-            reason = str(error)
-        if len(found) == count:
-            break
-    if not found:
-        raise EncounterError(f"{recording.name}: no encounter can be predicted: {reason}")
-    return tuple(found)
+    check_positive("collision_weight", collision_weight)
+    check_positive("observed_seconds", observed_seconds)
+
+    def predicted(crossing: Interaction) -> PartialEncounter:
+        return predict_encounter(recording, crossing, observed_seconds, collision_weight)
+
+    return of_crossings(recording, agents, count, predicted, "predicted")
 
 
 def predict_encounter(

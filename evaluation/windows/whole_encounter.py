@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from evaluation.windows.encounters import EncounterError, crossing_of
-from foresight_env.datasets import Interaction, Recording, Window, closest_crossings
+from evaluation.windows.encounters import EncounterError, of_crossings
+from foresight_env.datasets import Interaction, Recording, Window
 from foresight_env.equilibrium import Status
 from foresight_env.games import positions
 from foresight_env.games.kinds import is_vehicle
@@ -79,22 +79,17 @@ def fit_whole_encounters(
         EncounterError: bad ids, or there is no encounter that can be fitted.
         ValueError: `collision_weight` is not positive and finite.
     """
-    if not (math.isfinite(collision_weight) and collision_weight > 0.0):
-        raise ValueError(f"collision_weight: is {collision_weight}; expected a positive number")
-    if agents is not None:
-        return (fit_whole_encounter(recording, crossing_of(recording, agents), collision_weight),)
-    found: list[WholeEncounter] = []
-    reason = "the paths of no two agents cross"
-    for interaction in closest_crossings(recording):
-        try:
-            found.append(fit_whole_encounter(recording, interaction, collision_weight))
-        except EncounterError as error:
-            reason = str(error)
-        if len(found) == count:
-            break
-    if not found:
-        raise EncounterError(f"{recording.name}: no encounter can be fitted: {reason}")
-    return tuple(found)
+    check_positive("collision_weight", collision_weight)
+    return of_crossings(
+        recording, agents, count,
+        lambda crossing: fit_whole_encounter(recording, crossing, collision_weight), "fitted",
+    )  # fmt: skip
+
+
+def check_positive(name: str, number: float) -> None:
+    """Raise `ValueError` unless the number is positive and finite."""
+    if not (math.isfinite(number) and number > 0.0):
+        raise ValueError(f"{name}: is {number}; expected a positive number")
 
 
 def fit_whole_encounter(
