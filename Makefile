@@ -30,7 +30,7 @@ $(INSTALLED) $(DEMO_INSTALLED): pyproject.toml
 	@touch $@
 
 # What the tests need includes what the demo needs.
-demo: $(or $(wildcard $(INSTALLED)),$(DEMO_INSTALLED)) ## Estimate foresight from one noisy crossing and drive with it
+demo: $(or $(wildcard $(INSTALLED)),$(DEMO_INSTALLED)) ## All parts in small: recorded data, comparison, one episode, accuracy
 	$(BIN)/python -m evaluation demo
 
 test: $(INSTALLED) ## Run the tests

@@ -30,7 +30,7 @@ SPREAD = 4
 UNIT = (1.0, 0.5)
 """Coefficients are in units of this many metres, and of this many seconds times the speed."""
 LEAST_ROUGHNESS = 1e-3
-"""m; interpolated positions have none."""
+"""Added to roughness before its logarithm, m: interpolated positions have roughness 0."""
 
 
 class Proposals(NamedTuple):
@@ -51,7 +51,7 @@ class Proposals(NamedTuple):
 class ProposalNetwork(eqx.Module):
     """From a scene to `Proposals`.
 
-    What is proposed departs from a share of the motion with constant turn rate and acceleration.
+    Proposals are departures from motion with constant turn rate and acceleration, scaled by `keep`.
     """
 
     embed: eqx.nn.MLP
@@ -65,8 +65,8 @@ class ProposalNetwork(eqx.Module):
     trait: eqx.nn.MLP
     noise: Float[Array, ""]
     share: Float[Array, ""]
-    """Of the central future's departure from kinematic motion; less than 1 where a network that
-    has not seen a recording departs too far."""
+    """Shrinkage factor in [0, 1] of the central future's departure from kinematic motion; chosen on
+    validation data, not trained."""
 
     def __init__(
         self,

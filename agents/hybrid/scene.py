@@ -41,7 +41,7 @@ class Scene(NamedTuple):
     kinematic: Float32[np.ndarray, "*b A B 2"]
     """Coefficients of motion with constant turn rate and acceleration; of people, velocity."""
     roughness: Float32[np.ndarray, "*b A 2"]
-    """How much a velocity changes from step to step, m: the agent's own median, the scene's."""
+    """Median length of positions' second differences per `STEP`, m: the agent's, the scene's."""
     frames: Frames
     """Now."""
     bodies: Bodies
@@ -85,7 +85,7 @@ def scene_of(history: History, agents: int) -> tuple[Scene, Float32[np.ndarray, 
         seen,
         _routes(plain, now.velocity, agents),
         placed(_kinematic(history, now)),
-        placed(_roughness(history)[:count]),
+        placed(_roughness(history)),
         frames,
         _bodies(history, agents),
         start,
@@ -122,15 +122,16 @@ def _kinematic(history: History, now: LearnedFrames) -> Float[np.ndarray, "A B 2
 
 
 def _roughness(history: History) -> Float[np.ndarray, "N 2"]:
-    """Medians of the lengths of positions' second differences, over `STEP`.
+    """Median lengths of positions' second differences per `STEP`, m: the agent's, the scene's.
 
-    Annotated positions are noisy in some recordings and interpolated in others: the former's last
-    velocity is to be smoothed, the latter's is exact.
+    Where annotated positions are noisy the last velocity needs smoothing; where they are
+    interpolated it is exact. Of histories with shorter steps the rows nearest to `STEP` apart
+    count: noise would weigh more the shorter the step.
     """
-    turns = [
-        np.hypot(*np.diff(history.states[:, i, :2], 2, axis=0).T) * (STEP / history.dt) ** 2
-        for i in range(len(history.kinds))
-    ]
+    every = max(1, round(STEP / history.dt))
+    kept = history.states[(len(history.states) - 1) % every :: every, :, :2]
+    part = (STEP / (every * history.dt)) ** 2
+    turns = [part * np.hypot(*np.diff(kept[:, i], 2, axis=0).T) for i in range(len(history.kinds))]
     known = [found[~np.isnan(found)] for found in turns]
     whole = np.concatenate(known)
     scene = float(np.median(whole)) if whole.size else 0.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -192,9 +193,9 @@ def estimate(
     observe: Annotated[
         float | None,
         typer.Option(
-            help="Infer discount factors, with 90 % intervals, from this many seconds from 3 s "
-            "before the crossing on, predict the rest, and compare with gamma = 1 and constant "
-            "velocity.",
+            help="Seconds to observe, from 3 s before the first agent reaches the crossing point, "
+            "or from when both are there. Infers discount factors with 90 % intervals from them, "
+            "predicts the rest and compares with gamma = 1 and constant velocity.",
             show_default=False,
         ),
     ] = None,
@@ -211,10 +212,13 @@ def estimate(
 ) -> None:
     """Recorded data: infer on the first part of an encounter, predict the rest, compare.
 
-    With --whole: infer from all of it. Of a CSV file name the columns: --columns time,person,x,y.
+    With --whole: infer from all of it. With --observe SECONDS: infer from the first seconds. Of a
+    CSV file name the columns: --columns time,person,x,y.
     """
     if whole and observe is not None:
         raise ValueError("--observe: --whole observes everything; give one of the two")
+    if observe is not None and not (math.isfinite(observe) and observe > 0.0):
+        raise ValueError(f"--observe: is {observe}; expected a positive number of seconds")
     if collision_weight is not None and not whole and observe is None:
         raise ValueError("--collision-weight: needs --whole or --observe")
     from foresight_env.datasets import open_recording

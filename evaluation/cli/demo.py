@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +17,7 @@ from evaluation.cli.demonstration import (
 from evaluation.execution.local import Workers
 from evaluation.execution.store import Row
 from evaluation.reports.figures import error_against_noise
-from evaluation.reports.naming import label_of
+from evaluation.reports.naming import file_name, label_of
 from evaluation.reports.partial_encounter import (
     partial_encounter_picture,
     print_partial_encounters,
@@ -44,28 +44,35 @@ INTRODUCTION = (
     "infers them from noisy observations; assume-gamma-1 takes them for 1."
 )
 OBSERVED_SECONDS = 2.8
-"""Of the sample's encounters: the car begins to turn aside, the person has slowed down."""
+"""Seconds observed of each sample encounter; by then the car has begun to swerve and the
+pedestrian to brake."""
 
 
 def demonstrate(data: Recording | None, workers: Workers, out: Path) -> None:
-    """`foresight demo`."""
+    """`foresight demo`.
+
+    Args:
+        data: a recording for the first part; None: the sample that the project makes itself.
+        workers: processes of the crowd's episodes.
+        out: folder for results and pictures.
+    """
     console = terminal()
     if data is not None:
         encounters(data, count=2)  # that there is none is reported at once, not after two minutes
     console.rule("1. Recorded data: infer from the first seconds, predict the rest")
-    seen: list[str] = []
+    summary: list[str] = []
     if data is None:
-        seen.append(_recorded(console, out / "recorded"))
+        summary.append(_recorded(console, out / "recorded"))
     else:
         estimate_recorded(data, None, 2, True, out / "recorded")
     console.rule("2. The value of knowing the others' foresight: four egos, the same crossings")
-    seen.append(_compared(console, workers, out))
+    summary.append(_compared(console, workers, out))
     console.rule("3. One of them: the ego infers the others' foresight while it walks")
     draw_run(console, "infer-gamma", SEEDS[0], SETTINGS[SETTING], out / "episode")
     console.rule("4. How well can foresight be inferred? Error against noise")
-    seen.append(_accuracy(console, out))
-    console.rule("What was seen")
-    for sentence in seen:
+    summary.append(_accuracy(console, out))
+    console.rule("Summary")
+    for sentence in summary:
         console.print(sentence, highlight=False)
 
 
@@ -86,13 +93,13 @@ def _recorded(console: Console, out: Path) -> str:
         ]
     print_partial_encounters(console, found, true)
     for encounter in found:
-        names = "_".join(name.replace(":", "") for name in encounter.agents)
-        path = out / f"{encounter.recording}_{names}.png"
+        path = out / f"{file_name(encounter.recording, encounter.agents)}.png"
         print_picture(console, partial_encounter_picture(encounter, path))
-    return _recorded_summary(found, true)
+    return recorded_sentence(found, true)
 
 
-def _recorded_summary(found: Sequence[PartialEncounter], true: dict[str, float]) -> str:
+def recorded_sentence(found: Sequence[PartialEncounter], true: Mapping[str, float]) -> str:
+    """Return the summary's sentence about predicted encounters; `true`: gammas by agent."""
     inside = [
         low <= true[agent] <= high
         for encounter in found
@@ -133,14 +140,25 @@ def _compared(console: Console, workers: Workers, out: Path) -> str:
         highlight=False,
     )
     print_picture(console, value_figure(filtered, (SETTING,), EGOS, out / "value.png"))
+    return crowd_sentence(filtered, free)
+
+
+def crowd_sentence(filtered: Sequence[Row], free: Sequence[Row]) -> str:
+    """Return the summary's sentence about the crowd.
+
+    Args:
+        filtered: episodes of `EGOS` behind the safety filter.
+        free: the same without it.
+    """
     costs = {
         ego: f"{np.mean([row['cost'] for row in episodes_of(filtered, SETTING, ego).values()]):.1f}"
         for ego in EGOS
     }
+    harm = sum(_num_harmed(filtered, ego) for ego in EGOS)
+    collisions = _listed({ego: str(_num_harmed(free, ego)) for ego in EGOS})
     return (
-        f"Crowd: behind the safety filter, which kept all egos from "
-        f"{'harm' if not any(_num_harmed(filtered, ego) for ego in EGOS) else 'most harm'}, an "
-        f"episode costs {_listed(costs)}; without it they collide in {_listed(collisions)} of "
+        f"Crowd: behind the safety filter ({harm} of {len(SEEDS) * len(EGOS)} episodes with a "
+        f"collision) an episode costs {_listed(costs)}; without it they collide in {collisions} of "
         f"{len(SEEDS)}."
     )
 
@@ -155,15 +173,19 @@ def _accuracy(console: Console, out: Path) -> str:
     print_estimation(console, rows)
     print_picture(console, error_against_noise(rows, out / "error_against_noise.png"))
     print_picture(console, draw_trial(console, out))
-    std = min(row["std"] for row in rows if row["std"] > estimation.LEAST_STD)
+    return accuracy_sentence(rows)
+
+
+def accuracy_sentence(rows: Sequence[Row]) -> str:
+    """Return the summary's sentence about estimates from full states, at the least noise."""
+    good = [row for row in rows if not row["error"] and row["std"] > estimation.LEAST_STD]
+    std = min(row["std"] for row in good)
+    limit = estimation.bound("full") * std**2
     errors = {
-        method: np.mean(
-            [r["error_squared"] for r in rows if r["method"] == method and r["std"] == std]
-        )
+        method: [r["error_squared"] for r in good if r["method"] == method and r["std"] == std]
         for method in estimation.METHODS
     }
-    limit = estimation.bound("full") * std**2
-    ratios = {method: f"{error / limit:.1f}" for method, error in errors.items()}
+    ratios = {method: f"{np.mean(found) / limit:.1f}" for method, found in errors.items() if found}
     return (
         f"Accuracy: from states with noise of {std:g} (std, m and m/s) the squared error is "
         f"{_listed(ratios)} times the Cramer-Rao bound."

@@ -31,7 +31,7 @@ from evaluation.reports.intersection import (
     print_violations,
     snapshot,
 )
-from evaluation.reports.naming import label_of
+from evaluation.reports.naming import file_name, label_of
 from evaluation.reports.prediction import (
     curves,
     draw_reliability,
@@ -82,7 +82,7 @@ def run_one(ego: str, seed: int, setting: RunSetting, human: bool, out: Path) ->
 
 
 def draw_run(console: Console, ego: str, seed: int, setting: RunSetting, out: Path) -> None:
-    """Run one episode, print what became known and draw it."""
+    """Run one episode, print its result and draw it in the folder `out`."""
     with console.status(f"running ego {label_of(ego)} (the first steps compile)"):
         shown = draw_episode(ego, seed, setting, out)
     last = shown.steps[-1]
@@ -190,7 +190,7 @@ def evaluate_driving(
 
 
 def draw_trial(console: Console, out: Path) -> Path:
-    """Fit one noisy crossing by every method and draw it."""
+    """Fit one noisy crossing by every method; return the picture, in the folder `out`."""
     with console.status("representative trial"):
         seen, _ = estimation.observe("full", TRIAL_STD, 0, "soft")
         fits = {
@@ -295,6 +295,5 @@ def estimate_recorded(
         return
     for encounter, forecasts in results:
         window = encounter.window
-        names = "_".join(a.replace(":", "") for a in window.agents)
-        path = out / f"{window.recording}_{names}.png"
+        path = out / f"{file_name(window.recording, window.agents)}.png"
         print_picture(console, recorded_encounter(encounter, forecasts, path))

@@ -14,6 +14,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from evaluation.reports.figures import save
+from evaluation.reports.naming import file_name
 from evaluation.reports.partial_encounter import (
     partial_encounter_picture,
     print_partial_encounters,
@@ -44,8 +45,8 @@ def estimate_whole(
         )
     print_whole_encounters(console, fits, collision_weight)
     for fit in fits if pictures else ():
-        names = "_".join(name.replace(":", "") for name in fit.agents)
-        path = whole_encounter_picture(fit, out / f"{fit.recording}_{names}_whole.png")
+        name = file_name(fit.recording, fit.agents, "whole")
+        path = whole_encounter_picture(fit, out / f"{name}.png")
         console.print(f"picture: {path}", soft_wrap=True, markup=False)
 
 
@@ -58,8 +59,20 @@ def estimate_part(
     pictures: bool,
     out: Path,
 ) -> None:
-    """`foresight estimate --observe`: a table, and a picture of each encounter."""
+    """`foresight estimate --observe`: a table, and a picture of each encounter.
+
+    Args:
+        recording: with the agents.
+        agents: two ids; None for the closest crossings.
+        count: how many of these; None for all.
+        collision_weight: of the encounter game, known.
+        observed_seconds: from the start of the encounter (`encounter_window`).
+        pictures: whether to draw.
+        out: folder of the pictures.
+    """
     console = terminal()
+    if pictures:
+        out.mkdir(parents=True, exist_ok=True)  # an unwritable folder is reported before the work
     with console.status("inferring (the first fit compiles)"):
         found = predict_encounters(
             recording,
@@ -70,8 +83,8 @@ def estimate_part(
         )
     print_partial_encounters(console, found)
     for encounter in found if pictures else ():
-        names = "_".join(name.replace(":", "") for name in encounter.agents)
-        path = partial_encounter_picture(encounter, out / f"{encounter.recording}_{names}_part.png")
+        name = file_name(encounter.recording, encounter.agents, "part")
+        path = partial_encounter_picture(encounter, out / f"{name}.png")
         console.print(f"picture: {path}", soft_wrap=True, markup=False)
 
 

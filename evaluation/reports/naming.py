@@ -7,6 +7,7 @@ all others; both can be distinguished by the colour-blind.
 from __future__ import annotations
 
 import textwrap
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any
 from zlib import crc32
@@ -89,3 +90,9 @@ def _either(name: str) -> Any:
 def colour_of(name: str) -> str:
     """The same in every figure: of a name without a fixed one, chosen by its letters."""
     return COLOURS.get(name, OTHER_COLOURS[crc32(name.encode()) % len(OTHER_COLOURS)])
+
+
+def file_name(recording: str, agents: Sequence[str], suffix: str = "") -> str:
+    """Return a file's name, without ending, for agents of a recording."""
+    names = (agent.replace(":", "") for agent in agents)
+    return "_".join([recording, *names, *([suffix] if suffix else [])])

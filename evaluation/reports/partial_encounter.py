@@ -76,7 +76,15 @@ def _told(encounter: PartialEncounter, i: int, true: float | None) -> str:
 
 
 def partial_encounter_picture(encounter: PartialEncounter, path: Path) -> Path:
-    """Draw what was observed, what followed and the predictions; distances to the truth."""
+    """Draw observed positions, those that followed and the predictions, with errors over time.
+
+    Args:
+        encounter: with its predictions.
+        path: of the picture, .png or .pdf.
+
+    Returns:
+        The path.
+    """
     figure = Figure(figsize=(9.0, 4.0), layout="constrained")
     scene, errors = figure.subplots(1, 2, width_ratios=(1.5, 1.0))
     count, positions = encounter.num_observed, encounter.positions

@@ -1,7 +1,7 @@
 """A small recording in the DUT format that the project makes itself, for want of a real one.
 
-Two people cross each other's way, and twice a person a car's; the recording holds what the
-encounter game with hidden discount factors lets them do, plus measurement noise.
+One encounter of two pedestrians and two of a car and a pedestrian: equilibria of the encounter
+game with known discount factors, plus measurement noise.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ ENCOUNTERS = (
 
 
 def made_recording(seed: int = 0, noise_std: float = 0.01) -> Recording:
-    """Two encounters of two agents each, filtered tracks at the DUT rate."""
+    """Three encounters of two agents each, tracks at the DUT rate."""
     random = np.random.default_rng(seed)
     every = 5
     dt = every / RATE

@@ -77,8 +77,8 @@ def learn_hybrid(
     """Train in two stages, with checkpoints below `folder`; resume from the last one.
 
     The first trains proposals alone, the second the traits of the game that `use` makes of them;
-    without a game there is no second stage. `share`: of the network; None chooses the best for
-    the validation data.
+    without a game there is no second stage. `share`: of the central future's departure
+    (`ProposalNetwork.share`); None takes the one with the least error on the validation data.
     """
     alone = _proposing(data.proposing, data, folder / "proposing", proposing, on_epoch)
     if share is None:
@@ -160,9 +160,18 @@ def cross_calibration(
 
     The share (`ProposalNetwork.share`) with which central futures err least, and with it the factor
     that makes futures most likely, in windows in which agents interact, as in the tables: there
-    futures are harder to tell than elsewhere. The networks were trained without the recordings;
-    every recording counts the same. Their epochs are chosen on the usual validation data, which
-    have the ends of long recordings.
+    futures are harder to predict. The networks were trained without the recordings; every
+    recording counts the same. Their epochs are chosen on the usual validation data, which have the
+    ends of long recordings.
+
+    Args:
+        data: with folds.
+        folder: for checkpoints.
+        schedule: of each fold's training.
+        on_epoch: called after each of their epochs.
+
+    Returns:
+        The share, one of `SHARES`; the factor of deviations, one of `GRID`.
     """
     networks = [
         _proposing(fold.others, data, folder / f"calibrating_{k}", schedule, on_epoch).network
@@ -219,7 +228,10 @@ def _errors_of_scenes(network: ProposalNetwork, examples: Example) -> Any:
 def _errors(
     network: ProposalNetwork, examples: Example
 ) -> tuple[Float[np.ndarray, "S F"], Int[np.ndarray, "S"]]:
-    """Displacements (m) of central futures by share, summed over a scene's agents, and those."""
+    """Return displacements (m) of central futures by share, and numbers of agents.
+
+    Displacements are summed over a scene's agents.
+    """
     errors, counts = _errors_of_scenes(network, examples)
     return np.asarray(errors, float), np.asarray(counts)
 

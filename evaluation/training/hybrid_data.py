@@ -39,7 +39,8 @@ WINDOWS = 2
 PLAYING = 4
 """Places for agents in the examples of the second stage: games with fewer agents are cheaper."""
 MOST_PLAYED = 1500
-"""Examples of the second stage, chosen at random of those in which agents come close."""
+"""Examples of the second stage, chosen at random of those in which agents come close; windows in
+which agents interact are among them `WINDOWS` times more."""
 CLOSE = 1.0
 """Distance of the surfaces of bodies in straight motion below which agents come close, m."""
 

@@ -54,8 +54,13 @@ def recorded_examples(
     Args:
         agents: places of a scene.
         span: part of the recording, by frames, that all steps of an example lie in.
-        phases: moments per step, as far as the recording has rows between.
+        phases: at least so many moments per step, as far as the recording has rows between.
+
+    Raises:
+        ValueError: `phases` is less than 1.
     """
+    if phases < 1:
+        raise ValueError(f"phases: is {phases}; expected at least 1")
     if not recording.tracks:
         return
     grid = Grid.of(recording)
@@ -77,9 +82,13 @@ def recorded_examples(
 def window_examples(
     recording: Recording, agents: int = AGENTS, span: tuple[float, float] = (0.0, 1.0)
 ) -> Iterator[Example]:
-    """Every window of agents that interact, without the others who were there.
+    """Yield an example of each interaction window, with the interacting agents only.
 
-    Arguments as of `recorded_examples`.
+    Args:
+        recording: with the agents.
+        agents: places of a scene.
+        span: part of the recording, by frames, that the moment and, where it ends early, all
+            predicted steps lie in; observed steps may precede it.
     """
     start, end = recording.frame_range
     low, high = (start + part * (end - start) for part in span)

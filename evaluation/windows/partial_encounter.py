@@ -18,11 +18,12 @@ from foresight_env.equilibrium import Status
 from foresight_env.inverse import Estimate
 from foresight_env.scenarios.encounter import COLLISION_WEIGHT
 
-LEAST_OBSERVED = 6
+LEAST_FITTED = 6
 """Positions of each agent that a fit needs: each has a velocity, a start and a discount factor."""
-LEAST_PREDICTED = 4
+LEAST_COMPARED = 4
 """Positions of each agent after them, to compare with."""
 METHODS = ("infer-gamma", "assume-gamma-1", "constant-velocity")
+"""Of prediction, in the order of tables."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +101,7 @@ def predict_encounter(
         recording: with both agents.
         interaction: their crossing.
         observed_seconds: from the start of the encounter, which is 3 s before the first agent
-            reaches the crossing point (`encounter_window`).
+            reaches the crossing point, or where both are there (`encounter_window`).
         collision_weight: of the encounter game, known: discount factors are inferred given it.
 
     Returns:
@@ -113,10 +114,10 @@ def predict_encounter(
     count = 1 + round(observed_seconds / dt)
     names = " and ".join(interaction.agents)
     before, after = (int(p.sum(axis=0).min()) for p in np.split(window.present, [count]))
-    if before < LEAST_OBSERVED or after < LEAST_PREDICTED:
+    if before < LEAST_FITTED or after < LEAST_COMPARED:
         raise EncounterError(
             f"{names}: {before} positions {dt:.2g} s apart in the first {observed_seconds:g} s and "
-            f"{after} later; expected at least {LEAST_OBSERVED} and {LEAST_PREDICTED} of each agent"
+            f"{after} later; expected at least {LEAST_FITTED} and {LEAST_COMPARED} of each agent"
         )
     positions = np.array(window.states[..., :2])
     observed = np.where(np.arange(len(positions))[:, None, None] < count, positions, np.nan)

@@ -284,6 +284,17 @@ def test_roughness_by_hand():
     np.testing.assert_allclose(half.roughness[0, 0], 0.05, atol=1e-5)
 
 
+def test_roughness_of_noise_does_not_depend_on_the_step():
+    fine = walkers(steps=29)
+    fine.states[..., :2] *= 0.25
+    fine.states[..., :2] += 0.05 * np.random.default_rng(0).standard_normal((29, 3, 2))
+    blank = np.full((8, 3), np.nan)
+    coarse = replace(fine, states=fine.states[::4].copy(), headings=blank)
+    first, _ = scene_of(replace(fine, dt=0.25 * STEP), PLACES)
+    second, _ = scene_of(coarse, PLACES)
+    np.testing.assert_allclose(first.roughness, second.roughness, rtol=1e-5)
+
+
 def test_the_share_of_the_central_departure():
     scene, _ = scene_of(walkers(), PLACES)
     kinematic = np.asarray(scene.kinematic)
