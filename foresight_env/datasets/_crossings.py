@@ -12,6 +12,8 @@ from foresight_env.datasets.track import Track
 # of rows in inD) would otherwise need millions of comparisons per pair.
 _BLOCK = 32
 _BLOCK_PAIRS_AT_ONCE = 256
+_ROUNDING = 1e-9
+"""Of a segment's length, by which a crossing may lie beyond its ends."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,9 +143,12 @@ def _meet(
         determinant = a[..., 2] * b[..., 3] - a[..., 3] * b[..., 2]
         along_a = (offset_x * b[..., 3] - offset_y * b[..., 2]) / determinant
         along_b = (offset_x * a[..., 3] - offset_y * a[..., 2]) / determinant
-        hit = (along_a >= 0) & (along_a <= 1) & (along_b >= 0) & (along_b <= 1)
+        # Rounding must not take a crossing at a row from both segments that end there.
+        hit = (np.abs(along_a - 0.5) <= 0.5 + _ROUNDING) & (
+            np.abs(along_b - 0.5) <= 0.5 + _ROUNDING
+        )
     # Comparisons with NaN are false, so padding and parallel segments never hit.
-    chosen = [(*np.nonzero(hit), along_a[hit], along_b[hit])]
+    chosen = [(*np.nonzero(hit), np.clip(along_a[hit], 0, 1), np.clip(along_b[hit], 0, 1))]
     if reach > 0:
         # Middles further apart than both half lengths and the reach cannot come that close.
         middle = np.hypot(

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from foresight_env.datasets import Recording, Track, closest_crossings, find_interaction
@@ -35,6 +35,11 @@ def _through(agent: str, point: np.ndarray, time: float, speed: float, course: f
     course=st.floats(-3, 3),
     angle=st.floats(0.6, 2.5),
 )
+# At a row of the second track: rounding had put it beyond the ends of both its segments.
+@example(
+    x=0.0, y=0.5, times=(6.33645225792958, 3.0), speeds=(3.0000000000000004, 3.0),
+    course=0.008705933786447564, angle=1.34375,
+)  # fmt: skip
 def test_straight_walks_cross_where_they_were_made_to(
     x: float,
     y: float,
