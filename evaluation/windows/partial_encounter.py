@@ -23,7 +23,7 @@ LEAST_FITTED = 6
 LEAST_COMPARED = 4
 """Positions of each agent after them, to compare with."""
 METHODS = ("infer-gamma", "assume-gamma-1", "constant-velocity")
-"""Of prediction, in the order of tables."""
+"""Games fitted to what was observed, and a predictor; in the order of tables."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,9 +123,9 @@ def predict_encounter(
     observed = np.where(np.arange(len(positions))[:, None, None] < count, positions, np.nan)
     fits = {
         method: fit_positions(
-            window.kinds, dt, observed, collision_weight, infer_gamma=method == "infer-gamma"
+            window.kinds, dt, observed, collision_weight, infer_gamma=method == METHODS[0]
         )[0]
-        for method in ("infer-gamma", "assume-gamma-1")
+        for method in METHODS[:2]
     }
     for method, fit in fits.items():
         if int(fit.status) != Status.SOLVED:
@@ -133,7 +133,7 @@ def predict_encounter(
     every = int(window.frames[1] - window.frames[0])
     past = observed_window(recording, interaction.agents, int(window.frames[0]), count, every)
     history = History(past.states, past.headings, past.kinds, past.extents, dt)
-    straight = make_predictor("constant-velocity").predict(history, len(positions) - count)
+    straight = make_predictor(METHODS[2]).predict(history, len(positions) - count)
     predicted = {
         method: np.stack([s[count:, :2] for s in fit.solution.states], axis=1)
         for method, fit in fits.items()
@@ -144,6 +144,6 @@ def predict_encounter(
         dt,
         positions,
         count,
-        fits["infer-gamma"],
-        {**predicted, "constant-velocity": straight.most_likely},
+        fits[METHODS[0]],
+        {**predicted, METHODS[2]: straight.most_likely},
     )
